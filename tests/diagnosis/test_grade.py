@@ -23,7 +23,7 @@ from dart_lab.diagnosis.grade.constancy import assess_constancy
 from dart_lab.diagnosis.grade.secants import secants
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import refit
-from dart_lab.report.numbers import larger
+from dart_lab.report.numbers import describe_change
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 from tests.diagnosis.searched import drive
@@ -153,7 +153,7 @@ def test_effect_that_lowers_no_error_of_the_test_recordings_is_vetoed(ratio, acc
                     ratios=lambda fit, name: ratio if name == "a" else 1.1)
     assert "".join(found.names) == accepted
     for one in found.rejected.values():
-        assert f"without it the test errors are {larger(ratio, 0.9, 1.3)}" in one.why
+        assert f"without it the test errors are {describe_change(ratio, 0.9, 1.3)}" in one.why
 
 
 def test_effect_does_not_come_back_against_a_veto(letters):

@@ -19,7 +19,7 @@ from dart_lab.diagnosis.report.summary import headline, median_warnings, summary
 from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Claim, ParameterEstimate, QuantityChange, Unexplained
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
-from dart_lab.report.numbers import larger, significant
+from dart_lab.report.numbers import describe_change, significant
 from tests.diagnosis import made_by_hand as made
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"
@@ -55,8 +55,8 @@ def test_a_change_is_stated_in_per_cent_and_standard_errors_and_its_gain_forward
 
 
 def test_a_ratio_is_stated_as_a_change():
-    assert larger(0.996, 0.994, 0.999) == "0.4 % smaller [-0.6 %, -0.1 %]"
-    assert larger(1.5, math.nan, math.nan) == "50 % larger"
+    assert describe_change(0.996, 0.994, 0.999) == "0.4 % smaller [-0.6 %, -0.1 %]"
+    assert describe_change(1.5, math.nan, math.nan) == "50 % larger"
 
 
 def test_refit_causes_sensors_and_the_first_step_have_a_line_each():

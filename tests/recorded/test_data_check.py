@@ -258,10 +258,10 @@ def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
 @pytest.mark.slow
 def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     pytest.importorskip("matplotlib")
-    from dart_lab.report.recordings import BAD, plot_check
+    from dart_lab.report.recordings import BAD_COLOUR, plot_check
 
-    assert BAD in plot_check(check_part(excerpt, "racetrack"), tmp_path / "b.svg").read_text()
-    assert BAD not in plot_check(check_part(excerpt, "drifting"), tmp_path / "d.svg").read_text()
+    assert BAD_COLOUR in plot_check(check_part(excerpt, "racetrack"), tmp_path / "b.svg").read_text()
+    assert BAD_COLOUR not in plot_check(check_part(excerpt, "drifting"), tmp_path / "d.svg").read_text()
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def test_ticks_are_round_and_inside():
 
 
 def test_an_interval_without_any_number_can_still_be_drawn():
-    low, high = svg.around(np.array([np.nan]), zero=True)
+    low, high = svg.enclosing_interval(np.array([np.nan]), zero=True)
     assert low < 0.0 < high
 
 
@@ -78,11 +78,11 @@ def test_a_page_is_sound_and_requests_nothing_from_outside(tmp_path):
     reach = np.array([0.1, math.nan, 0.2])
     figure = figures.new_figure()
     figures.finish(figure.subplots(), "x", "y", "title")
-    drawn = [charts.lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
-             charts.paths("paths", "x", "y", [(np.array([[0.0, 1.0], [0.0, 0.5]]), "car")], 1),
-             charts.grouped_bars("groups", [
+    drawn = [charts.draw_lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
+             charts.draw_paths("paths", "x", "y", [(np.array([[0.0, 1.0], [0.0, 0.5]]), "car")], 1),
+             charts.draw_grouped_bars("groups", [
                  ("one", [(2.0, 1.0, "before"), (math.inf, math.nan, "after")])]),
-             charts.bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
+             charts.draw_bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
              page.image(figure, "a <picture>")]
     sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
                 "two": ("Second", page.card(el("p", "told"), good=True))}
@@ -106,7 +106,7 @@ def points_of(picture, style):
 @pytest.mark.parametrize("size", [(2.0, 0.1), (1.0, 1.0), (0.1, 2.0)])
 def test_paths_have_equal_axes(size):
     corner = np.array([[0.0, size[0], size[0]], [0.0, 0.0, size[1]]])
-    px = points_of(charts.paths("p", "x", "y", [(corner, "car")], 1), "car")
+    px = points_of(charts.draw_paths("p", "x", "y", [(corner, "car")], 1), "car")
     along = px[0, 1] - px[0, 0]
     up = px[1, 1] - px[1, 2]
     assert along / size[0] == pytest.approx(up / size[1], rel=0.03)
@@ -117,13 +117,13 @@ def test_paths_have_equal_axes(size):
 def test_a_path_that_leaves_the_picture_does_not_shrink_the_others():
     car = np.array([[0.0, 0.5, 1.0], [0.0, 0.0, 0.0]])
     lost = np.array([[0.0, 0.5, 50.0], [0.0, 0.5, 0.0]])
-    picture = charts.paths("p", "x", "y", [(car, "car"), (lost, "before")], 1)
+    picture = charts.draw_paths("p", "x", "y", [(car, "car"), (lost, "before")], 1)
     assert points_of(picture, "before").shape == (2, 2)
     assert np.ptp(points_of(picture, "car")[0]) > 200.0
 
 
 def test_each_group_of_bars_has_its_own_scale_and_infinity_no_bar():
-    picture = charts.grouped_bars("g", [
+    picture = charts.draw_grouped_bars("g", [
         ("a", [(1.0, math.nan, "before"), (0.5, 0.25, "after")]),
         ("b", [(200.0, math.nan, "before"), (math.inf, math.nan, "after")])])
     widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="12"', picture)]
@@ -131,15 +131,15 @@ def test_each_group_of_bars_has_its_own_scale_and_infinity_no_bar():
     assert widths[3] == 0.0
     assert ">diverged<" in picture
     tick = re.search(r'<line x1="([\d.]+)"[^>]*class="median"', picture)
-    assert float(tick[1]) - charts.NAMES == pytest.approx(0.5 * widths[1], abs=0.2)
+    assert float(tick[1]) - charts.NAMES_WIDTH == pytest.approx(0.5 * widths[1], abs=0.2)
 
 
 def test_a_line_ends_at_a_point_that_is_not_finite():
     """A part of a variable without data has no line across it."""
     x = np.array([0.0, 1.0, math.nan, 3.0, 4.0])
-    picture = charts.lines("l", "x", "y", [charts.Series(x, x, np.zeros(5))])
+    picture = charts.draw_lines("l", "x", "y", [charts.Series(x, x, np.zeros(5))])
     assert picture.count("<polyline") == 2
-    whole = charts.lines("l", "x", "y", [charts.Series(x[:2], x[:2], np.zeros(2))])
+    whole = charts.draw_lines("l", "x", "y", [charts.Series(x[:2], x[:2], np.zeros(2))])
     assert whole.count("<polyline") == 1
 
 

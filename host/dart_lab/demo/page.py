@@ -76,7 +76,7 @@ def write_page(path: Path, results: DemoResults, chapters: page.Sections) -> Non
         figure = new_figure((7.0, 4.4))
         draw(figure.add_subplot())
         drawn.append(page.figure(title, image(figure, title)))
-    first = join([page.notices(results.notices), _facts(results), *drawn, page.soft(SIGMA)])
+    first = join([page.notices(results.notices), _facts(results), *drawn, page.small_print(SIGMA)])
     page.write(path, page.page("demo", "A car in a box", lead, {
         "box": ("Calibrate, then drive a figure of eight", first), **chapters}))
 

@@ -23,7 +23,7 @@ from dart_lab.diagnosis.report.words import channel, interval, quantity
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import listed, percent
+from dart_lab.report.numbers import join_names, percent
 
 # Patterns without a cause that are described; the report has all.
 MAX_PATTERNS = 2
@@ -100,7 +100,7 @@ def _tabulate_causes(d: Diagnosis, true: Mapping[str, str] | None = None, hidden
     """Tabulate each cause, and each hidden effect that was not accepted; true: None if unknown."""
     rows = [(c.effect, (true or {}).get(c.effect, "-"),
              ", ".join(f"{name} {quantity(n)}" for name, n in c.parameters.items()),
-             listed(c.cannot_be_told_from, "or") or "nothing in the catalogue",
+             join_names(c.cannot_be_told_from, "or") or "nothing in the catalogue",
              f"{percent(c.gain.test)} of the {channel(c.gain.channel)} error", interval(c.gain))
             for c in d.causes]
     named = [c.effect for c in d.causes]

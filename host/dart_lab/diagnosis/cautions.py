@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 
-from dart_lab.report.numbers import some
+from dart_lab.report.numbers import shorten_list
 
 from .evidence.space import MAX_COMMAND_AGE
 from .gains import RecordingSet
@@ -77,9 +77,9 @@ def _list_bounds(changes: Mapping[str, ParameterChange], last: Point) -> list[st
     out = []
     names = [name for name, change in changes.items() if change.doubt == AT_BOUND]
     if names:
-        out.append(f"{some(names)} ended {AT_BOUND}: these recordings do not determine it, or "
-                   "require a value that no such car has; look for a wrong unit, another car's "
-                   "model, or a cause that is not in the catalogue")
+        out.append(f"{shorten_list(names)} ended {AT_BOUND}: these recordings do not determine "
+                   "it, or require a value that no such car has; look for a wrong unit, another "
+                   "car's model, or a cause that is not in the catalogue")
     if last.timing.command_age > MAX_COMMAND_AGE - AGE_BOUND_TOLERANCE:
         out.append(f"the car acts {1000.0 * last.timing.command_age:.0f} ms before its commands "
                    f"are in the recording, {AT_BOUND}: the clocks of command and sensors differ. "

@@ -17,7 +17,7 @@ from dart_hal.core.types import IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.report.numbers import larger
+from dart_lab.report.numbers import describe_change
 
 from .alternatives import include_alternatives, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
@@ -267,7 +267,7 @@ def _describe_evidence(q: DiagnosisSetup, named: AcceptedEffect,
         f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"{key} is {away:.0f} standard errors from its null",
-        f"errors on the test recordings are {larger(*cost)} without it",
+        f"errors on the test recordings are {describe_change(*cost)} without it",
         f"{gain.measure}: {removes(gain)}")
 
 

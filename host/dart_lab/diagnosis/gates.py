@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from dart_hal.vehicle.effect import Effect
-from dart_lab.report.numbers import larger
+from dart_lab.report.numbers import describe_change
 
 from .policy import Policy
 from .result import Cost
@@ -52,7 +52,7 @@ class Candidate:
 
     def errors_without(self) -> str:
         """Return the errors of the test recordings without the effect, in words."""
-        return f"without it the test errors are {larger(*self.cost)}"
+        return f"without it the test errors are {describe_change(*self.cost)}"
 
 
 class AcceptanceGate(NamedTuple):

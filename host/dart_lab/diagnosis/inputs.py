@@ -18,7 +18,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
 from dart_hal.vehicle.effects import catalogue, find_effect
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.report.numbers import some
+from dart_lab.report.numbers import shorten_list
 
 from .evidence.agreement import check_model, check_units, drop_dead_gyro
 from .evidence.motion import driving_seconds, has_sensors
@@ -100,13 +100,14 @@ def list_frame_notes(recordings: Sequence[Recording]) -> list[str]:
         for note in r.notes:
             if note.kind in kinds:
                 found.setdefault(str(note), []).append(r.name)
-    return [f"{some(list(dict.fromkeys(names)))}: {note}" for note, names in found.items()]
+    return [f"{shorten_list(list(dict.fromkeys(names)))}: {note}" for note, names in found.items()]
 
 
 def warn_fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:
     """Warn if the model was fitted to test recordings."""
     known = [r.name for r in test if r.sha256 in fitted_to]
-    return [f"the model was fitted to {len(known)} of the test recordings ({some(known)}): its "
+    return [f"the model was fitted to {len(known)} of the test recordings "
+            f"({shorten_list(known)}): its "
             "errors there are not those of a prediction"] if known else []
 
 
@@ -120,7 +121,7 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
     raise UsageError(
         "the test recordings are the training recordings" if same else
         f"{len(both)} recording(s) to train on are test recordings as well",
-        found=some(both), expected="recordings that the fit does not use",
+        found=shorten_list(both), expected="recordings that the fit does not use",
         likely="one folder named twice, or a copy of a file under another name",
         remedy="leave them out on one side, or leave out --test: then stretches of each training "
                "recording are held out")
@@ -131,7 +132,7 @@ def _drop_copies(recordings: Sequence[Recording], notes: list[str]) -> list[Reco
     first = {r.sha256: r for r in reversed(recordings)}
     copies = [r.name for r in recordings if first[r.sha256] is not r]
     if copies:
-        notes.append(f"{some(copies)}: a copy of another recording, left out")
+        notes.append(f"{shorten_list(copies)}: a copy of another recording, left out")
     return [r for r in recordings if first[r.sha256] is r]
 
 
@@ -141,10 +142,12 @@ def _select_kind(sets: list[list[Recording]], notes: list[str]) -> list[list[Rec
     if with_mocap[0] and (with_mocap[1] or not sets[1]):
         others = [r.name for part in sets for r in part if r.mocap is None]
         if others:
-            notes.append(f"{some(others)}: no motion capture, left out because others have it")
+            notes.append(f"{shorten_list(others)}: no motion capture, left out because others "
+                         "have it")
         dead = [r.name for part in with_mocap for r in part if r.encoder == "dead"]
         if dead:
-            notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there. "
+            notes.append(f"{shorten_list(dead)}: the encoder is dead, so the encoder is not "
+                         "judged there. "
                          "Check its plug, ring and distance, and record again")
         missing = [name for name, channel in SENSOR_CHANNELS.items()
                    if not any(_measures(r, channel) for r in with_mocap[0])]
@@ -157,17 +160,18 @@ def _select_kind(sets: list[list[Recording]], notes: list[str]) -> list[list[Rec
     if not onboard[0] or (sets[1] and not onboard[1]):
         raise RecordingError(
             "neither motion capture nor a working encoder: the motion of the car is unknown",
-            found=some(lost), expected="motion capture, or an encoder that counts",
-            read=some(lost), remedy="dart-hal doctor finds a dead encoder; then record again")
+            found=shorten_list(lost), expected="motion capture, or an encoder that counts",
+            read=shorten_list(lost), remedy="dart-hal doctor finds a dead encoder; then record "
+                                            "again")
     if not all(_measures(r, "yaw_rate") for part in onboard for r in part):
         raise RecordingError(
             "neither motion capture nor a gyro: the turns of the car are unknown",
-            found=some([r.name for part in onboard for r in part
+            found=shorten_list([r.name for part in onboard for r in part
                         if not _measures(r, "yaw_rate")]),
             expected="poses, or an encoder and a gyro",
             remedy="dart-hal identify friction FILES, and motor, need the encoder alone")
     if lost:
-        notes.append(f"{some(lost)}: no motion capture and no working encoder, left out")
+        notes.append(f"{shorten_list(lost)}: no motion capture and no working encoder, left out")
     where = "" if not with_mocap[0] and not with_mocap[1] else " on both sides"
     notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NOT_OBSERVED}")
     return onboard
@@ -196,7 +200,7 @@ def _drop_standing(recordings: list[Recording], notes: list[str]) -> list[Record
             remedy="dart-hal experiment drives and records")
     driving = [r for r in recordings if r not in still or r.mocap is None]
     if len(driving) < len(recordings):
-        notes.append(f"{some([r.name for r in still])}: the car is at rest, left out")
+        notes.append(f"{shorten_list([r.name for r in still])}: the car is at rest, left out")
     return driving
 
 
@@ -208,7 +212,7 @@ def _check_duration(recordings: Sequence[Recording], min_s: float, which: str) -
             f"too little driving to {which}" + (" on" if which == "train" else ""),
             found=f"{seconds:.1f} s above 0.3 m/s in {len(recordings)} recording(s)",
             expected=f"at least {min_s:g} s, better a minute",
-            read=some([r.name for r in recordings]),
+            read=shorten_list([r.name for r in recordings]),
             likely="cut-off recordings, or the car hardly moved",
             remedy="give more recordings; dart-hal data check lists how long each one drives")
 

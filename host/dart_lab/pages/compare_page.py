@@ -99,6 +99,6 @@ def _pictures(found: Comparison) -> Html:
             t = drive["t"][::step]
             y = drive[name][::step]
             series.append(charts.Series(t, y, np.full(len(t), np.nan), style, marked=False))
-        drawn.append(page.figure(name.replace("_", " "), charts.lines(
+        drawn.append(page.figure(name.replace("_", " "), charts.draw_lines(
             name, "time since the first command [s]", _label(name), series)))
     return join([svg.legend([("before", "A"), ("after", "B")]), page.figures(drawn)])

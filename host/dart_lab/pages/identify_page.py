@@ -16,7 +16,7 @@ from dart_lab.pages.identify_table import (
 )
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import listed
+from dart_lab.report.numbers import join_names
 from dart_lab.report.page import image
 
 
@@ -34,7 +34,7 @@ def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Map
                                       _result(outcome, cautions), {
         "fits": ("Parameters", _tables(outcome)),
         "pictures": ("Data, fit, and the paper's curve", join([
-            *drawn, *(page.soft(f"No picture of {name}: {why}.")
+            *drawn, *(page.small_print(f"No picture of {name}: {why}.")
                       for name, why in missing.items())])),
         "notes": ("Notes", page.items(f"{', '.join(names)}: {note}"
                                       for note, names in group_notes(outcome).items())),
@@ -48,7 +48,8 @@ def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Map
 def _result(outcome: Identification, cautions: Sequence[str]) -> Html:
     doubts = {name: why for name, fit in outcome.fits.items() if (why := why_unsound(fit))}
     sound = [name for name in outcome.fits if name not in doubts]
-    sentence = f"Identified: {listed(sound, 'and')}." if sound else "Nothing could be identified."
+    sentence = (f"Identified: {join_names(sound, 'and')}." if sound
+                else "Nothing could be identified.")
     return page.card(el("p", sentence, class_="big"),
                      page.notices([*cautions, *(f"{name}: {why}" for name, why in doubts.items())]),
                      good=bool(sound) and not doubts)

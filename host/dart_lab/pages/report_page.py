@@ -150,7 +150,7 @@ def _map(report: CarReport) -> Html:
         return Html()
     angle = np.degrees(found.angle_rad)
     half_width = INTERVAL_90 * np.degrees(found.std_rad)
-    return page.figure("Steering map, 90 % interval", charts.lines(
+    return page.figure("Steering map, 90 % interval", charts.draw_lines(
         "steering map", "pulse [us]", "road-wheel angle [deg]",
         [charts.Series(np.array(found.pulse_us), angle, half_width, "after")]))
 

@@ -1,4 +1,4 @@
-"""The chart kit: lines with whiskers, paths and bars as inline SVG, of plain numbers."""
+"""Charts as inline SVG: lines with whiskers, paths and bars."""
 
 from __future__ import annotations
 
@@ -14,16 +14,23 @@ from . import svg
 from .html import Html
 from .numbers import significant
 
-ROW = 17.0  # px from one bar to the next
-NAMES = 145.0  # px left of the bars
-PATH_HEIGHTS = (90.0, 300.0)  # px of a picture of paths without its axes, least and most
-BAR, GROUP_GAP = 15.0, 11.0  # px from bar to bar, and more from group to group
-FIGURE = 52.0  # px right of the longest bar, for its number
+# All lengths in px.
+ROW_HEIGHT = 17.0  # from one bar to the next
+NAMES_WIDTH = 145.0  # left of the bars
+# Smallest and largest height of a picture of paths, without its axes.
+PATH_HEIGHTS = (90.0, 300.0)
+BAR_HEIGHT = 15.0  # from bar to bar in a group
+GROUP_GAP = 11.0  # added between groups
+NUMBER_WIDTH = 52.0  # right of the longest bar, for its number
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """y over x (n,), whiskers ``reach`` to either side (NaN: none); style: before, after, car."""
+    """Data of one curve.
+
+    x, y: (n,). reach: half lengths of the whiskers (n,), NaN for none. style: before, after, car.
+    joined: draw the line. marked: draw the marks.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -33,13 +40,13 @@ class Series:
     marked: bool = True
 
 
-def lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
-          x_names: Sequence[str] = ()) -> Html:
-    """Series in one frame with 0 in it; x_names: instead of numbers, at x = 0, 1, 2..."""
+def draw_lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
+               x_names: Sequence[str] = ()) -> Html:
+    """Draw series in one frame that contains y = 0; x_names: labels at x = 0, 1, 2, ..."""
     x = ((-0.5, len(x_names) - 0.5) if x_names
-         else svg.around(*(s.x for s in series), zero=False))
+         else svg.enclosing_interval(*(s.x for s in series), zero=False))
     ends = (s.y + side * np.nan_to_num(s.reach) for s in series for side in (-1.0, 1.0))
-    frame = svg.Frame(x, svg.around(*ends))
+    frame = svg.ChartFrame(x, svg.enclosing_interval(*ends))
     parts = frame.axes(x_label, y_label, x_names)
     for s in series:
         parts += svg.curve(frame, s.x, s.y, s.y - s.reach, s.y + s.reach, s.style, s.joined,
@@ -47,47 +54,51 @@ def lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
     return svg.picture(name, parts)
 
 
-def bars(name: str, x_label: str, rows: Sequence[tuple[str, float, str]]) -> Html:
-    """(name, value, style) each on a logarithmic scale from 1: below it there is no bar."""
+def draw_bars(name: str, x_label: str, rows: Sequence[tuple[str, float, str]]) -> Html:
+    """Draw rows (name, value, style) on a logarithmic scale from 1; smaller values have no bar."""
     top = max((value for _, value, _ in rows), default=0.0)
-    height = svg.TOP + ROW * len(rows) + svg.BOTTOM
-    frame = svg.Frame((0.0, 1.15 * math.log10(max(top, 10.0))), (0.0, 1.0), height=height,
-                      left=NAMES)
+    height = svg.TOP_MARGIN + ROW_HEIGHT * len(rows) + svg.BOTTOM_MARGIN
+    frame = svg.ChartFrame((0.0, 1.15 * math.log10(max(top, 10.0))), (0.0, 1.0), height=height,
+                      left=NAMES_WIDTH)
     parts = frame.x_axis(x_label, [f"{10**i:g}" for i in range(int(frame.x[1]) + 1)])
     for i, (words, value, style) in enumerate(rows):
-        y, end = svg.TOP + i * ROW, frame.at(math.log10(max(value, 1.0)), 0.0)[0]
-        parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW - 5, style),
+        y = svg.TOP_MARGIN + i * ROW_HEIGHT
+        end = frame.to_pixels(math.log10(max(value, 1.0)), 0.0)[0]
+        parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW_HEIGHT - 5, style),
                   svg.text(frame.left - 6, y + 12, words, "end"),
                   svg.text(end + 5, y + 12, significant(value))]
     return svg.picture(name, parts, height=height)
 
 
-def paths(name: str, x_label: str, y_label: str, lines: Sequence[tuple[FloatArray, str]],
-          mark_spacing: int) -> Html:
+def draw_paths(name: str, x_label: str, y_label: str, lines: Sequence[tuple[FloatArray, str]],
+               mark_spacing: int) -> Html:
     """Draw paths (2, n), each with its style, on equal axes.
 
     Every ``mark_spacing`` points a line has a mark, so that equal times can be compared. Points
     are drawn up to twice the largest distance that the first line reaches from its first point.
     """
+    # 1. Drop points further from the start than twice the reach of the reference: a prediction
+    # that diverges would shrink the rest to a dot.
     reference = lines[0][0]
     reach = 2.0 * float(np.max(np.hypot(*(reference - reference[:, :1]))))
     near = [(np.where(np.hypot(*(xy - reference[:, :1])) <= reach, xy, np.nan), style)
             for xy, style in lines]
-    x, y = (svg.around(*(xy[i] for xy, _ in near), zero=False) for i in range(2))
-    # The scale that fills the width, unless the picture gets too low or too high.
-    width = svg.WIDTH - svg.LEFT - svg.RIGHT
+    x, y = (svg.enclosing_interval(*(xy[i] for xy, _ in near), zero=False) for i in range(2))
+    # 2. One scale [px/m] for both axes. It fills the width, unless the picture gets too high.
+    width = svg.PICTURE_WIDTH - svg.LEFT_MARGIN - svg.RIGHT_MARGIN
     scale = min(width / (x[1] - x[0]), PATH_HEIGHTS[1] / (y[1] - y[0]))
     height = max(scale * (y[1] - y[0]), PATH_HEIGHTS[0])
-    frame = svg.Frame(_widen(x, width / scale), _widen(y, height / scale),
-                      height=height + svg.TOP + svg.BOTTOM)
+    frame = svg.ChartFrame(_widen(x, width / scale), _widen(y, height / scale),
+                      height=height + svg.TOP_MARGIN + svg.BOTTOM_MARGIN)
     parts = frame.axes(x_label, y_label)
+    # 3. Draw the lines, then the marks.
     for xy, style in near:
         nothing = np.full(xy.shape[1], math.nan)
         parts += svg.curve(frame, xy[0], xy[1], nothing, nothing, f"{style} path", marked=False)
     for xy, style in [*near[1:], near[0]]:  # the marks of the reference on top
         for a, b in xy[:, mark_spacing::mark_spacing].T:
             if math.isfinite(a):
-                parts.append(svg.mark(*frame.at(float(a), float(b)), style))
+                parts.append(svg.mark(*frame.to_pixels(float(a), float(b)), style))
     return svg.picture(name, parts, height=frame.height)
 
 
@@ -97,29 +108,30 @@ def _widen(interval: tuple[float, float], length: float) -> tuple[float, float]:
     return middle - 0.5 * length, middle + 0.5 * length
 
 
-def grouped_bars(name: str, groups: Sequence[tuple[str, Sequence[tuple[float, float, str]]]]
-                 ) -> Html:
+def draw_grouped_bars(
+        name: str, groups: Sequence[tuple[str, Sequence[tuple[float, float, str]]]]) -> Html:
     """Draw groups of horizontal bars (value, median, style), each group to its own scale.
 
     A value that is not finite has no bar; infinity is written as "diverged". A tick marks the
     median; none where it is not finite.
     """
-    height = svg.TOP + sum(BAR * len(bars) + GROUP_GAP for _, bars in groups)
+    height = svg.TOP_MARGIN + sum(BAR_HEIGHT * len(bars) + GROUP_GAP for _, bars in groups)
     parts: list[Html] = []
-    y = svg.TOP
+    y = svg.TOP_MARGIN
     for words, bars in groups:
+        # The largest finite value or median of the group takes the full width.
         top = max((v for bar in bars for v in bar[:2] if math.isfinite(v)), default=0.0)
-        full = svg.WIDTH - NAMES - FIGURE
-        parts.append(svg.text(NAMES - 8, y + 0.5 * BAR * len(bars) + 4, words, "end"))
+        full = svg.PICTURE_WIDTH - NAMES_WIDTH - NUMBER_WIDTH
+        parts.append(svg.text(NAMES_WIDTH - 8, y + 0.5 * BAR_HEIGHT * len(bars) + 4, words, "end"))
         for value, median, style in bars:
             length = full * value / top if math.isfinite(value) and top > 0.0 else 0.0
             number = "diverged" if math.isinf(value) else significant(value)
             tick = full * median / top if math.isfinite(median) and top > 0.0 else 0.0
-            parts += [svg.bar(NAMES, y + 1, length, BAR - 3, style),
-                      svg.text(NAMES + max(length, tick) + 5, y + BAR - 4, number)]
+            parts += [svg.bar(NAMES_WIDTH, y + 1, length, BAR_HEIGHT - 3, style),
+                      svg.text(NAMES_WIDTH + max(length, tick) + 5, y + BAR_HEIGHT - 4, number)]
             if tick:
-                x = NAMES + tick
-                parts.append(svg.line((x, y - 0.5), (x, y + BAR - 1.5), "median"))
-            y += BAR
+                x = NAMES_WIDTH + tick
+                parts.append(svg.line((x, y - 0.5), (x, y + BAR_HEIGHT - 1.5), "median"))
+            y += BAR_HEIGHT
         y += GROUP_GAP
     return svg.picture(name, parts, height=height)

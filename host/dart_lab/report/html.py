@@ -1,4 +1,4 @@
-"""HTML and SVG out of function calls: whatever is plain text is escaped."""
+"""HTML and SVG from function calls; plain text is escaped."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import html
 import math
 from collections.abc import Iterable, Sequence
 
+# Elements without an end tag.
 VOID = frozenset({"br", "hr", "img", "meta"})
-SHORT = 24
-"""Characters up to which a cell is not broken."""
+# Characters up to which a table cell is kept on one line.
+MAX_UNBROKEN_CELL = 24
 
 
 class Html(str):
-    """Text that is markup already, so it is not escaped again."""
+    """Text that is markup, so it is not escaped."""
 
     __slots__ = ()
 
 
 def el(name: str, /, *content: str, **attributes: str | float | None) -> Html:
-    """One element. A trailing underscore of an attribute falls away, others become hyphens.
+    """Return one element.
+
+    A trailing underscore of an attribute name is removed, the others become hyphens.
 
     Errors: ValueError for an attribute that is no finite number: it would not be drawn.
     """
@@ -29,7 +32,7 @@ def el(name: str, /, *content: str, **attributes: str | float | None) -> Html:
 
 
 def join(content: Iterable[str]) -> Html:
-    """Pieces one after the other; plain text among them is escaped and typeset."""
+    """Join pieces; plain text among them is escaped and typeset."""
     return Html("".join(c if isinstance(c, Html) else html.escape(_typeset(c)) for c in content))
 
 
@@ -43,9 +46,9 @@ def _typeset(text: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
           caption: str = "") -> Html:
-    """A table that scrolls sideways where it is too wide; nothing where there is no row.
+    """Return a table that scrolls sideways if it is too wide; empty without rows.
 
-    Columns from ``numbers`` on are set to the right, except for long cells.
+    Columns from ``numbers`` on are aligned right, except for long cells.
     """
     rows = list(rows)
     if not rows:
@@ -53,7 +56,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
     def cells(kind: str, row: Sequence[str]) -> Html:
         out = []
         for i, cell in enumerate(row):
-            long = len(cell) > SHORT
+            long = len(cell) > MAX_UNBROKEN_CELL
             number = i >= numbers and (kind == "th" or not long)
             out.append(el(kind, cell, class_="n" if number else None if long else "s"))
         return el("tr", *out)

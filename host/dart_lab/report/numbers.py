@@ -1,44 +1,48 @@
-"""Numbers as a reader wants them: few digits, an error beside the value, per cent, p-values."""
+"""Formatted numbers: significant digits, values with errors, per cent, p-values, lists."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-SURE = 1e-4
-"""p-values below it are not written out: the tail of a null has no more digits."""
+# Smaller p-values are printed as "p < 0.0001": the tail of a simulated null distribution is not
+# known better.
+MIN_P_VALUE = 1e-4
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """A number for a table; "-" where there is none."""
+    """Format a number with so many significant digits; "-" for None, NaN and infinity."""
     if value is None or not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
 
 
 def with_error(value: float, std: float) -> str:
-    """value +- std: the error with two digits, the value to the same place."""
+    """Format "value +- std": the error with two digits, the value to the same place."""
     if not math.isfinite(std):
         return f"{value:.5g} +- unknown"
     if not 1e-9 < std < 1e6:
         return f"{value:.5g} +- {std:.2g}"
+    # Decimal place of the second digit of the error, after it is rounded: 0.0996 becomes 0.10.
     place = 1 - math.floor(math.log10(float(f"{std:.1e}")))
-    value, std = round(value, place) + 0.0, round(std, place)  # + 0.0: no minus zero
+    value = round(value, place) + 0.0  # + 0.0 turns -0.0 into 0.0
+    std = round(std, place)
     return f"{value:.{max(place, 0)}f} +- {std:.{max(place, 0)}f}"
 
 
 def percent(share: float) -> str:
-    """A share as whole per cent; "-" where there is none."""
+    """Format a share as whole per cent; "-" for NaN and infinity."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
 
 
-def larger(ratio: float, low: float, high: float) -> str:
-    """A ratio as a change: "7 % larger [+5 %, +9 %]", "0.4 % smaller [-0.6 %, -0.1 %]".
+def describe_change(ratio: float, low: float, high: float) -> str:
+    """Format a ratio as a change: "7 % larger [+5 %, +9 %]", "0.4 % smaller [-0.6 %, -0.1 %]".
 
-    low, high: of its interval; it is left out where they are not known.
+    low, high: interval of the ratio; omitted if not finite.
     """
     if not math.isfinite(ratio):
         return "larger by an unknown share"
+    # Changes below 2 % get a decimal.
     digits = 1 if abs(ratio - 1.0) < 0.02 else 0
     ends = [f"{100.0 * (end - 1.0):+.{digits}f} %" for end in (low, high) if math.isfinite(end)]
     word = "larger" if ratio >= 1.0 else "smaller"
@@ -47,18 +51,18 @@ def larger(ratio: float, low: float, high: float) -> str:
 
 
 def p_value(p: float | None) -> str:
-    """"p = 0.012", "p < 0.0001"; "p unknown" where there is none."""
+    """Format a p-value: "p = 0.012", "p < 0.0001", "p unknown"."""
     if p is None or not math.isfinite(p):
         return "p unknown"
-    return f"p < {SURE:g}" if p < SURE else f"p = {p:.2g}"
+    return f"p < {MIN_P_VALUE:g}" if p < MIN_P_VALUE else f"p = {p:.2g}"
 
 
-def listed(names: Sequence[str], word: str) -> str:
-    """"a", "a or b", "a, b or c"."""
+def join_names(names: Sequence[str], word: str) -> str:
+    """Join names by commas and a last word: "a", "a or b", "a, b or c"."""
     return f" {word} ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
-def some(names: Sequence[str], most: int = 3) -> str:
-    """The first of them, and how many more there are."""
+def shorten_list(names: Sequence[str], most: int = 3) -> str:
+    """Join the first ``most`` names, and count the others: "a, b, c and 4 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -1,6 +1,6 @@
 """Pictures of recordings: path, speeds, throttle, steering, yaw rate; bad samples in orange.
 
-The first is one figure per recording, the second all at a glance.
+``plot_check`` draws one recording, ``plot_overview`` a small panel of each.
 """
 
 from __future__ import annotations
@@ -25,13 +25,20 @@ from dart_hal.core.figures import (
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.check import RecordingCheck, folder_of, stem_of
 
-WHEEL, GROUND, BAD, GATED, RAW, STEER = BLUE, INK, ORANGE, "#56b4e9", GREY, GREEN
-COLUMNS = 6
-MAX_RECORDINGS = 120  # recordings in one overview
+WHEEL_COLOUR = BLUE
+MOCAP_COLOUR = INK
+BAD_COLOUR = ORANGE
+# Throttle behind the gate of the radio's switch, and as it is in the log.
+GATED_COLOUR = "#56b4e9"
+RAW_COLOUR = GREY
+STEERING_COLOUR = GREEN
+# Panels in a row of an overview, and panels in all.
+OVERVIEW_COLUMNS = 6
+MAX_RECORDINGS = 120
 
 
 def plot_check(c: RecordingCheck, path: str | Path) -> Path:
-    """One recording. Errors: UsageError without matplotlib or for an unknown suffix."""
+    """Draw one recording. Errors: UsageError without matplotlib or for an unknown suffix."""
     figure = new_figure((11.0, 7.6), path)
     mocap = c.motion.grid is not None
     grid = figure.add_gridspec(4, 2 if mocap else 1, width_ratios=[1.0, 1.5] if mocap else None)
@@ -55,31 +62,32 @@ def plot_check(c: RecordingCheck, path: str | Path) -> Path:
 
 
 def plot_overview(checks: Sequence[RecordingCheck], path: str | Path) -> Path:
-    """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
-    shown = checks[:MAX_RECORDINGS]
-    rows = -(-len(shown) // COLUMNS)
-    figure = new_figure((2.5 * COLUMNS, 1.65 * rows + 0.6), path)
-    panels = np.atleast_2d(figure.subplots(rows, COLUMNS, squeeze=False))
-    for axes in panels.flat[len(shown):]:
+    """Draw speed and throttle of each recording in a small panel. Errors: as ``plot_check``."""
+    plotted = checks[:MAX_RECORDINGS]
+    rows = -(-len(plotted) // OVERVIEW_COLUMNS)
+    figure = new_figure((2.5 * OVERVIEW_COLUMNS, 1.65 * rows + 0.6), path)
+    panels = np.atleast_2d(figure.subplots(rows, OVERVIEW_COLUMNS, squeeze=False))
+    for axes in panels.flat[len(plotted):]:
         axes.set_visible(False)
-    for axes, c in zip(panels.flat, shown, strict=False):
-        _small(axes, c)
+    for axes, c in zip(panels.flat, plotted, strict=False):
+        _draw_panel(axes, c)
     for axes in panels[:, 0]:
         axes.set_ylabel("m/s", fontsize=7)
-    left = f" (the first {MAX_RECORDINGS})" if len(checks) > MAX_RECORDINGS else ""
-    figure.suptitle(f"{len(checks)} recording(s){left}: speed over time [s]; blue wheels, black "
+    omitted = f" (the first {MAX_RECORDINGS})" if len(checks) > MAX_RECORDINGS else ""
+    figure.suptitle(f"{len(checks)} recording(s){omitted}: speed over time [s]; blue wheels, black "
                     "mocap, shaded throttle (0 to 1 of the height), orange bad", fontsize=9)
     return save_figure(figure, path)
 
 
-def _small(axes: Any, c: RecordingCheck) -> None:
-    a, t = c.recording.messages, _time(c)
+def _draw_panel(axes: Any, c: RecordingCheck) -> None:
+    a = c.recording.messages
+    t = _time(c)
     top = 1.05 * max([0.5, *(r[1] for r in (c.facts.speed, _ground(c)) if r)])
-    axes.fill_between(t, 0.0, top * a.throttle, step="post", color=GATED, alpha=0.35, lw=0)
-    axes.plot(t, a.speed, color=WHEEL, lw=0.8)
+    axes.fill_between(t, 0.0, top * a.throttle, step="post", color=GATED_COLOUR, alpha=0.35, lw=0)
+    axes.plot(t, a.speed, color=WHEEL_COLOUR, lw=0.8)
     g = c.motion.grid
     if g is not None:
-        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=0.7)
+        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=MOCAP_COLOUR, lw=0.7)
     _shade_bad(axes, c)
     axes.set_ylim(0.0, top)
     axes.tick_params(labelsize=6)
@@ -91,46 +99,48 @@ def _small(axes: Any, c: RecordingCheck) -> None:
 def _path(axes: Any, c: RecordingCheck) -> None:
     g = c.motion.grid
     assert g is not None
-    axes.plot(np.where(g.bad, np.nan, g.x), np.where(g.bad, np.nan, g.y), color=GROUND, lw=0.9,
-              label="centre of mass")
+    axes.plot(np.where(g.bad, np.nan, g.x), np.where(g.bad, np.nan, g.y), color=MOCAP_COLOUR,
+              lw=0.9, label="centre of mass")
     if g.bad.any():
-        axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD, ms=2.5, label="bad samples")
-    axes.plot(g.x[:1], g.y[:1], "o", color=STEER, ms=6, label="start")
+        axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD_COLOUR, ms=2.5, label="bad samples")
+    axes.plot(g.x[:1], g.y[:1], "o", color=STEERING_COLOUR, ms=6, label="start")
     axes.set_aspect("equal")
     finish(axes, "x [m]", "y [m]", fontsize=7, ncols=3, **LEGEND_ABOVE)
 
 
 def _speed(axes: Any, c: RecordingCheck) -> None:
     if np.isfinite(c.recording.messages.speed).any():
-        axes.plot(_time(c), c.recording.messages.speed, color=WHEEL, lw=1.2, label="encoder")
+        axes.plot(_time(c), c.recording.messages.speed, color=WHEEL_COLOUR, lw=1.2, label="encoder")
     elif c.recording.encoder == "dead":
-        axes.set_title("encoder dead", fontsize=8, loc="right", color=BAD)
+        axes.set_title("encoder dead", fontsize=8, loc="right", color=BAD_COLOUR)
     g = c.motion.grid
     if g is not None:
-        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=GROUND, lw=0.9, label="mocap v_x")
+        axes.plot(g.t, np.where(g.bad, np.nan, g.v_x), color=MOCAP_COLOUR, lw=0.9,
+                  label="mocap v_x")
     axes.set_ylabel("speed [m/s]")
 
 
 def _throttle(axes: Any, c: RecordingCheck) -> None:
-    a, t = c.recording.messages, _time(c)
-    axes.fill_between(t, 0.0, a.throttle, step="post", color=GATED, alpha=0.6, lw=0,
+    a = c.recording.messages
+    t = _time(c)
+    axes.fill_between(t, 0.0, a.throttle, step="post", color=GATED_COLOUR, alpha=0.6, lw=0,
                       label="behind the gate")
-    axes.step(t, a.throttle_raw, where="post", color=RAW, lw=0.8, label="as logged")
+    axes.step(t, a.throttle_raw, where="post", color=RAW_COLOUR, lw=0.8, label="as logged")
     axes.set_ylabel("throttle")
 
 
 def _steering(axes: Any, c: RecordingCheck) -> None:
-    axes.step(_time(c), c.recording.messages.steering, where="post", color=STEER, lw=1.0)
+    axes.step(_time(c), c.recording.messages.steering, where="post", color=STEERING_COLOUR, lw=1.0)
     axes.set_ylim(-1.1, 1.1)
     axes.set_ylabel("steering")
 
 
 def _yaw_rate(axes: Any, c: RecordingCheck) -> None:
     if np.isfinite(c.recording.messages.yaw_rate).any():
-        axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL, lw=1.0, label="gyro")
+        axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL_COLOUR, lw=1.0, label="gyro")
     g = c.motion.grid
     if g is not None:
-        axes.plot(g.t, np.where(g.bad, np.nan, g.omega), color=GROUND, lw=0.8, label="mocap")
+        axes.plot(g.t, np.where(g.bad, np.nan, g.omega), color=MOCAP_COLOUR, lw=0.8, label="mocap")
     axes.set_ylabel("yaw rate [rad/s]")
 
 
@@ -138,14 +148,15 @@ def _shade_bad(axes: Any, c: RecordingCheck) -> None:
     g = c.motion.grid
     if g is None or not g.bad.any():
         return
+    # Starts and ends of the runs of bad samples: where the flag, padded by zeros, changes.
     edge = np.flatnonzero(np.diff(np.concatenate([[0], g.bad.astype(int), [0]])))
     for start, end in zip(edge[::2], edge[1::2], strict=True):
-        axes.axvspan(g.t[start], g.t[min(end, len(g) - 1)], color=BAD, alpha=0.18, lw=0,
+        axes.axvspan(g.t[start], g.t[min(end, len(g) - 1)], color=BAD_COLOUR, alpha=0.18, lw=0,
                      zorder=0)
 
 
 def _time(c: RecordingCheck) -> FloatArray:
-    """Messages on the clock of the mocap, else from their first [s]."""
+    """Return the times of the messages [s]: on the clock of the mocap, else since the first."""
     arrival = c.recording.messages.arrival
     return arrival if c.motion.grid is not None else arrival - arrival[0]
 

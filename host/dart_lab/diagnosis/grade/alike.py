@@ -20,7 +20,7 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.report.numbers import some
+from dart_lab.report.numbers import shorten_list
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, label_rows
@@ -63,7 +63,7 @@ class RecordingGroups:
         unit = "" if unit == "relative" else f" {unit}"
         low, high = (f"{size:+.3g} +- {error:.1g}{unit}" for size, error in (self.low, self.high))
         return (f"relative to the final model, {PROBES[self.probe]} is {low} in "
-                f"{some(self.smaller)} and {high} in {some(self.larger)}")
+                f"{shorten_list(self.smaller)} and {high} in {shorten_list(self.larger)}")
 
     @property
     def ratio(self) -> float:

@@ -11,7 +11,7 @@ from dart_lab.diagnosis.result import Cause, Claim, Constancy, Diagnosis
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import larger, p_value, percent, significant
+from dart_lab.report.numbers import describe_change, p_value, percent, significant
 
 from . import tables
 from .along import (
@@ -50,13 +50,14 @@ def cause_section(d: Diagnosis, i: int, rows: ResidualRows) -> Html:
         _four_sentences(describe_cause(d, i), tone),
         page.figures([*figures[:MAX_VISIBLE_PICTURES],
                       *_constancy_figure("size", cause.constancy)]),
-        LEGEND if figures else page.soft(
+        LEGEND if figures else page.small_print(
             "The test recordings are too short for a picture of the residuals, or none of them "
             "became smaller."),
-        page.fold("Physics, equation, numbers and evidence", physics,
-                  el("p", f"Enters at: {cause.enters}."), _figures(cause),
-                  page.items(cause.evidence),
-                  _sizes(cause), page.figures(figures[MAX_VISIBLE_PICTURES:])), id=f"cause-{i + 1}")
+        page.foldable("Physics, equation, numbers and evidence", physics,
+                      el("p", f"Enters at: {cause.enters}."), _figures(cause),
+                      page.items(cause.evidence),
+                      _sizes(cause), page.figures(figures[MAX_VISIBLE_PICTURES:])),
+        id=f"cause-{i + 1}")
 
 
 def _four_sentences(sentences: Mapping[str, str], tone: str) -> Html:
@@ -97,7 +98,7 @@ def claims_section(d: Diagnosis) -> Html:
         return Html()
     cards = (join([_four_sentences(describe_claim(c), _claim_tone(c)),
                    page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims)
-    return join([*cards, CLAIM_LEGEND, page.soft(
+    return join([*cards, CLAIM_LEGEND, page.small_print(
         "Errors of the motion with the group at its old value are compared with those with all "
         "groups estimated again: the root of the robust loss that the fits lower.")])
 
@@ -132,10 +133,10 @@ def _constancy_figure(name: str, found: Constancy) -> list[Html]:
             if found.constant else f"its {name} changes with {along_name} ({p})")
     return [page.figure(
         text[:1].upper() + text[1:],
-        charts.lines(f"{name} along {along_name}",
-                     along_name if unit == "-" else f"{along_name} [{unit}]",
-                     "size, of the fitted one",
-                     [charts.Series(x, y, WHISKER_ERRORS * error, "after", joined=False)]))]
+        charts.draw_lines(f"{name} along {along_name}",
+                          along_name if unit == "-" else f"{along_name} [{unit}]",
+                          "size, of the fitted one",
+                          [charts.Series(x, y, WHISKER_ERRORS * error, "after", joined=False)]))]
 
 
 def _sizes(cause: Cause) -> Html:
@@ -155,9 +156,9 @@ def _figures(cause: Cause) -> Html:
                "loss reduction, added", "p"),
               [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
                 significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure),
-        page.soft("All residuals of the test recordings, of motion and sensors, are "
-                  f"{larger(*cause.cost)} without this cause, in the robust loss of the fits. Most "
-                  "of them are noise, which no cause lowers.")])
+        page.small_print("All residuals of the test recordings, of motion and sensors, are "
+                         f"{describe_change(*cause.cost)} without this cause, in the robust loss "
+                         "of the fits. Most of them are noise, which no cause lowers.")])
 
 
 def cause_pictures(d: Diagnosis, i: int, rows: ResidualRows) -> Iterator[Html]:
@@ -186,8 +187,8 @@ def _draw_curve(a: ResidualCurve, shown: list[tuple[Means, str]],
     """Draw mean residuals with two standard errors, along a variable or by recording."""
     name = variable(a.variable)
     unit = FEATURE_UNITS.get(a.variable, "-")
-    return charts.lines(f"{a.column.words} along {name}",
-                        name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
-                        [charts.Series(m.x, m.mean, WHISKER_ERRORS * m.error, style,
-                                       joined=not names)
-                         for m, style in shown], [str(i + 1) for i in range(len(names))])
+    return charts.draw_lines(
+        f"{a.column.words} along {name}", name if unit == "-" else f"{name} [{unit}]",
+        f"error [{a.column.unit}]",
+        [charts.Series(m.x, m.mean, WHISKER_ERRORS * m.error, style, joined=not names)
+         for m, style in shown], [str(i + 1) for i in range(len(names))])

@@ -93,7 +93,7 @@ def _draw_curve(kind: ParameterCurve, d: Diagnosis) -> Html:
         "points: the car on the test recordings, with two standard errors" if found is not None
         else "too little of such driving in the test recordings for the car's own points")
     return page.figure(f"{kind.title}; {note}",
-                       charts.lines(kind.title, kind.x_label, kind.y_label, series))
+                       charts.draw_lines(kind.title, kind.x_label, kind.y_label, series))
 
 
 def _measure_curve(kind: ParameterCurve, d: Diagnosis) -> Means | None:

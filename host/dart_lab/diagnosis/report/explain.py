@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_lab.diagnosis.parameters.groups import MERGED
 from dart_lab.diagnosis.result import Cause, Claim, Diagnosis, ParameterChange, QuantityChange
-from dart_lab.report.numbers import listed, p_value, percent, significant
+from dart_lab.report.numbers import join_names, p_value, percent, significant
 
 from .compared import error_change, stages_around
 from .data_problems import valid_sizes
@@ -93,9 +93,9 @@ def _describe_confounders(found: Cause | Claim) -> str:
     own = found.group if isinstance(found, Claim) else found.effect
     others = [f"{title(name)} ({name})" if title(name) else name
               for name in found.cannot_be_told_from]
-    return (f" These data do not distinguish it from a car that {listed(others, 'or')}: the name "
-            f"{own} is a choice between equals." if title(own) else
-            f" These data do not distinguish it from {listed(others, 'or')}.")
+    return (f" These data do not distinguish it from a car that {join_names(others, 'or')}: the "
+            f"name {own} is a choice between equals." if title(own) else
+            f" These data do not distinguish it from {join_names(others, 'or')}.")
 
 
 def _gain(d: Diagnosis, i: int) -> str:
@@ -172,7 +172,7 @@ def describe_claim(c: Claim) -> dict[str, str]:
         why += f" The change is not constant: it goes with {_describe_variable(c)}."
     why += _describe_confounders(c)
     if c.group in merged:
-        why += f" These data do not distinguish {listed(merged[c.group], 'and')}."
+        why += f" These data do not distinguish {join_names(merged[c.group], 'and')}."
     return {"What": what, "Why": why, "Gain": _claim_gain(c),
             "Next": _next(c.experiment, bool(c.cannot_be_told_from) or c.group in merged)}
 

@@ -76,7 +76,7 @@ def overview(d: Diagnosis) -> Html:
         name for name, errors in _errors(d).items() if errors]
     key = svg.legend([(STYLES[name], MODELS.get(name, name)) for name in shown])
     return join([key, el("div", el("div", _path_figures(d.paths)),
-                         el("div", bars, page.soft(WHAT_FLOOR) if d.noise_floor else Html(),
+                         el("div", bars, page.small_print(WHAT_FLOOR) if d.noise_floor else Html(),
                             shares(d)), class_="pair")])
 
 
@@ -94,9 +94,9 @@ def _errors(d: Diagnosis) -> dict[str, dict[str, tuple[float, float]]]:
 def _path_figures(windows: Sequence[PathWindow]) -> Html:
     """Draw the paths of windows, and state how they were chosen."""
     if not windows:
-        return page.soft(NO_PATH)
+        return page.small_print(NO_PATH)
     first = windows[0]
-    return join([*map(_path_figure, windows), page.soft(
+    return join([*map(_path_figure, windows), page.small_print(
         f"Worst and median of {first.windows} windows of 2 s of the test recordings, by the "
         f"position error at their end ({MODELS[first.chosen_by]}). A mark each "
         f"{MARK_SPACING:g} s.{_same_path(windows)}")])
@@ -117,8 +117,8 @@ def _path_figure(window: PathWindow) -> Html:
     return page.figure(
         f"{window.kind.capitalize()} window: {significant(window.error)} m off after 2 s "
         f"({short(window.file)}, from {window.second:.2f} s)",
-        charts.paths(f"Path in the {window.kind} window", "ahead of the start [m]",
-                     "to the left [m]", lines, round(MARK_SPACING / window.step)))
+        charts.draw_paths(f"Path in the {window.kind} window", "ahead of the start [m]",
+                          "to the left [m]", lines, round(MARK_SPACING / window.step)))
 
 
 def _error_figure(d: Diagnosis) -> Html:
@@ -132,7 +132,7 @@ def _error_figure(d: Diagnosis) -> Html:
         return Html()
     return page.figure("Error 1 s ahead on the test recordings: RMSE, with a black tick at the "
                        "median; each channel to its own scale",
-                       charts.grouped_bars("Error 1 s ahead by channel and model", groups))
+                       charts.draw_grouped_bars("Error 1 s ahead by channel and model", groups))
 
 
 def shares(d: Diagnosis) -> Html:
@@ -141,6 +141,6 @@ def shares(d: Diagnosis) -> Html:
     rows = [(channel(name), *(c.summary for c in changes))
             for name in PREDICTED if (changes := step_changes(d, name))]
     counted = any(c.counts for name in PREDICTED for c in step_changes(d, name))
-    return join([page.soft("Change of the RMSE 1 s ahead by each step" + (
+    return join([page.small_print("Change of the RMSE 1 s ahead by each step" + (
         f", and test recordings better:worse, by {100.0 * MIN_ERROR_CHANGE:g} % or more"
         if counted else "")), table(head, rows)]) if rows else Html()

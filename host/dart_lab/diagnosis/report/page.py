@@ -60,7 +60,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
         "details": ("Details", _details(d, command, answer))}
     shown = {key: section for key, section in sections.items() if section[1]}
     lead = join([verdict_card(d), problem_card(d), overview(d),
-                 *map(builder.soft, neutral_notes(d))])
+                 *map(builder.small_print, neutral_notes(d))])
     return builder.page(f"diagnosis of {d.model}",
                         f"What the model {Path(d.model).name} gets wrong, and why", lead, shown)
 
@@ -80,5 +80,5 @@ def _details(d: Diagnosis, command: str, answer: Mapping[str, Any] | None) -> Ht
         "made": ("How this was made", tables.sources(d, about)),
         "glossary": ("Words and method", glossary())}
     numbers = builder.download(d.to_json() if answer is None else answer, "diagnosis.json")
-    return join([*(builder.fold(title, content, id=key)
+    return join([*(builder.foldable(title, content, id=key)
                    for key, (title, content) in folds.items()), numbers])

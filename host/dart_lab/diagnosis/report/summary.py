@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dart_hal.vehicle.effects import catalogue
 from dart_lab.diagnosis.result import Cause, Diagnosis
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
-from dart_lab.report.numbers import listed, significant
+from dart_lab.report.numbers import join_names, significant
 
 from .compared import HORIZON, step_changes
 from .data_problems import data_problems
@@ -27,7 +27,7 @@ MIN_MEDIAN_RATIO = 1.1
 def headline(d: Diagnosis) -> str:
     """Return the result in one sentence."""
     if d.verdict == "unexplained" and not remainder(d):
-        names = listed([f"{short_title(p)} ({p.effect})" for p in d.possible], "or")
+        names = join_names([f"{short_title(p)} ({p.effect})" for p in d.possible], "or")
         return (f"Something is wrong, possibly the car {names}, but these recordings do not "
                 "suffice to accept it, and nothing is named.")
     found, explain = _found(d)
@@ -68,7 +68,7 @@ def _found(d: Diagnosis) -> tuple[str, str]:
     if not parts:
         parts.append("small corrections of the parameters")
     single = not wrong and len(d.causes) == 1
-    return listed(parts, "and"), "explains" if single else "explain"
+    return join_names(parts, "and"), "explains" if single else "explain"
 
 
 def _count(n: int, noun: str) -> str:
@@ -85,13 +85,13 @@ def remainder(d: Diagnosis) -> str:
         return "some commands act later than they were logged"
     if d.excesses:
         above = [excess(e) for e in d.excesses]
-        return f"its errors are above the noise floor: {listed(above, 'and')}"
+        return f"its errors are above the noise floor: {join_names(above, 'and')}"
     changing = [*(c.effect for c in d.causes if not c.constancy.constant),
                 *(c.title for c in d.claims if not c.constant)]
     if changing:
-        return f"the size of {listed(changing, 'and')} is not constant"
+        return f"the size of {join_names(changing, 'and')} is not constant"
     worse = [c.effect for c in d.causes if c.gain.high < 0.0]
-    return (f"with {listed(worse, 'and')} test recordings are predicted worse in one channel"
+    return (f"with {join_names(worse, 'and')} test recordings are predicted worse in one channel"
             if worse else "")
 
 
@@ -107,8 +107,8 @@ def _refit(d: Diagnosis) -> str:
     if "refitted" not in d.compared:
         return ""
     wrong, small = ([c.title for c in d.claims if is_small(c) == kind] for kind in (False, True))
-    parts = [f"wrong: {listed(wrong, 'and')}"] if wrong else []
-    parts += [f"small correction: {listed(small, 'and')}"] if small else []
+    parts = [f"wrong: {join_names(wrong, 'and')}"] if wrong else []
+    parts += [f"small correction: {join_names(small, 'and')}"] if small else []
     if not parts:
         largest = largest_changes(d)
         parts = [f"no group is confirmed as wrong; most changed: {largest}"
@@ -122,7 +122,7 @@ def _causes(d: Diagnosis) -> str:
     if not causes:
         return ""
     lead = "Cause" if len(causes) == 1 else "Causes"
-    return (f"{lead}: the car {listed([_label(c) for c in causes], 'and')}. With "
+    return (f"{lead}: the car {join_names([_label(c) for c in causes], 'and')}. With "
             f"{'it' if len(d.causes) == 1 else 'all causes'} {_effect_on_errors(d, 'extended')}.")
 
 
@@ -131,8 +131,8 @@ def _sensors(d: Diagnosis) -> str:
     causes = [c for c in d.causes if is_sensor(c)]
     if not causes:
         return ""
-    return (f"Sensors: the car {listed([_label(c) for c in causes], 'and')}. This changes what is "
-            "measured, not how the model predicts the motion.")
+    return (f"Sensors: the car {join_names([_label(c) for c in causes], 'and')}. This changes "
+            "what is measured, not how the model predicts the motion.")
 
 
 def is_sensor(cause: Cause) -> bool:
@@ -211,7 +211,7 @@ def median_warnings(d: Diagnosis) -> list[str]:
 def _also(names: Sequence[str], most: str) -> str:
     """"; also position and yaw angle"."""
     others = [channel(name) for name in names if name != most]
-    return f"; also {listed(others, 'and')}" if others else ""
+    return f"; also {join_names(others, 'and')}" if others else ""
 
 
 def first_step(d: Diagnosis) -> str:

@@ -13,7 +13,7 @@ from dart_lab.identification.evaluation import UNITS
 from dart_lab.identification.evaluation.cases import short
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import listed, p_value, percent, significant
+from dart_lab.report.numbers import join_names, p_value, percent, significant
 
 from .words import (
     HORIZONS,
@@ -42,12 +42,13 @@ def ranking(d: Diagnosis) -> Html:
     shown = sorted(((name, loss) for name, loss in d.ranking.items() if math.isfinite(loss)),
                    key=lambda e: (-e[1], e[0]))[:MAX_ROWS]
     return join([
-        charts.bars("Loss reduction by effect", "loss reduction, alone (logarithmic scale)",
-                    [(name, loss, "after" if name in named else "other") for name, loss in shown]),
+        charts.draw_bars("Loss reduction by effect", "loss reduction, alone (logarithmic scale)",
+                         [(name, loss, "after" if name in named else "other")
+                          for name, loss in shown]),
         svg.legend([("after", "accepted"), ("other", "not accepted")]),
-        page.soft("Each effect alone, before any was accepted: effects similar to a cause reduce "
-                  "the loss nearly as much, until the cause is in the model. The threshold differs "
-                  "from effect to effect, see the p-values.")])
+        page.small_print("Each effect alone, before any was accepted: effects similar to a cause "
+                         "reduce the loss nearly as much, until the cause is in the model. The "
+                         "threshold differs from effect to effect, see the p-values.")])
 
 
 def errors(d: Diagnosis) -> Html:
@@ -56,8 +57,8 @@ def errors(d: Diagnosis) -> Html:
     head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
     out: list[Html] = []
     if isinstance(d.evidence, OnboardEvidence):
-        out.append(page.soft("Without motion capture: speed as the encoder reads it and yaw rate "
-                             "as the gyro reads it; no other channel can be judged."))
+        out.append(page.small_print("Without motion capture: speed as the encoder reads it and yaw "
+                                    "rate as the gyro reads it; no other channel can be judged."))
     out.append(gains(d))
     known = len(out)
     for horizon in HORIZONS:
@@ -85,9 +86,9 @@ def moments(d: Diagnosis) -> Html:
             for o in d.outliers for m in o.moments]
     return join([
         late, page.items(map(outliers, d.outliers)),
-        page.soft("Events that come at any time, with either sign, are no cause of the catalogue: "
-                  "a gust, a lost command, a wheel that lifts, a jump of the motion capture. Look "
-                  "at these moments in the recordings."),
+        page.small_print("Events that come at any time, with either sign, are no cause of the "
+                         "catalogue: a gust, a lost command, a wheel that lifts, a jump of the "
+                         "motion capture. Look at these moments in the recordings."),
         table(("channel", "file", "second", "error", "times the usual one", "speed [m/s]",
                "throttle", "steering"), rows, 2)])
 
@@ -145,10 +146,11 @@ def considered_table(d: Diagnosis) -> Html:
     for c in filter(_is_negligible, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
     head = ("effect", "the car ...", "loss reduction, added", "p", "why not accepted")
-    return page.fold(f"{len(ordered)} effects", table(head, rows), *(
-        page.soft(f"Loss reduction, added, below 1 ({why}): {', '.join(names)}.")
+    return page.foldable(f"{len(ordered)} effects", table(head, rows), *(
+        page.small_print(f"Loss reduction, added, below 1 ({why}): {', '.join(names)}.")
         for why, names in idle.items()), page.text(
-            f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else ""))
+            "Found at first and withdrawn: "
+            f"{join_names(d.withdrawn, 'and')}." if d.withdrawn else ""))
 
 
 def _is_negligible(c: Considered) -> bool:
@@ -176,9 +178,9 @@ def files(d: Diagnosis) -> Html:
         details = [f"{key}: {_cell(value)}" for key, value in use.items()
                    if key not in VISIBLE_ENTRIES]
         why = use.get("why") or ()
-        folded = page.fold(f"{len(details) + len(why)} notes", page.items([*why, *details]))
+        folded = page.foldable(f"{len(details) + len(why)} notes", page.items([*why, *details]))
         rows.append((name, *(_cell(use.get(key)) for key in VISIBLE_ENTRIES[:2]), folded))
-    return join([table(("file", *VISIBLE_ENTRIES[:2], "details"), rows), page.soft(
+    return join([table(("file", *VISIBLE_ENTRIES[:2], "details"), rows), page.small_print(
         "Windows: of the fit. Errors are of more windows, one each 0.25 s.")])
 
 

@@ -17,7 +17,7 @@ from dart_lab.diagnosis.result import (
     Possible,
     QuantityChange,
 )
-from dart_lab.report.numbers import larger, listed, percent, significant, with_error
+from dart_lab.report.numbers import describe_change, join_names, percent, significant, with_error
 
 # Name and unit of every channel of a stated error.
 CHANNEL_LABELS = {
@@ -59,16 +59,17 @@ def predictor(b: BestPredictor) -> str:
         alone = "Best predictor: the refitted parameters alone"
         if b.ratio.high < 1.0:
             return (f"{alone}, fitted with equal weight for each recording: the errors 1 s ahead "
-                    f"in {n} recordings left out in turn are {larger(*b.ratio)} than those of the "
-                    "usual refit.")
+                    f"in {n} recordings left out in turn are {describe_change(*b.ratio)} than "
+                    "those of the usual refit.")
         return (f"{alone}. No effects significantly lower the errors 1 s ahead in {n} recordings "
-                f"left out in turn: with the best ones they are {larger(*nearest)} than those of "
-                "the refit.")
+                f"left out in turn: with the best ones they are {describe_change(*nearest)} than "
+                "those of the refit.")
     better = sum(one.ratio < 1.0 for one in b.left_out.values())
-    return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
-            f"recordings left out are {larger(*b.ratio)} than those of the refit, and smaller in "
-            f"{better} of {n}. Use it to predict (controller, simulation), and the extended model "
-            "to understand the car: an effect that predicts better need not be a cause.")
+    return (f"Best predictor: with {join_names(list(b.effects), 'and')} the errors 1 s ahead in "
+            f"recordings left out are {describe_change(*b.ratio)} than those of the refit, and "
+            f"smaller in {better} of {n}. Use it to predict (controller, simulation), and the "
+            "extended model to understand the car: an effect that predicts better need not be a "
+            "cause.")
 
 
 def possible(p: Possible) -> str:
