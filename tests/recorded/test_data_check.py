@@ -260,8 +260,10 @@ def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     from dart_lab.report.recordings import BAD_COLOUR, plot_check
 
-    assert BAD_COLOUR in plot_check(check_part(excerpt, "racetrack"), tmp_path / "b.svg").read_text()
-    assert BAD_COLOUR not in plot_check(check_part(excerpt, "drifting"), tmp_path / "d.svg").read_text()
+    bad = plot_check(check_part(excerpt, "racetrack"), tmp_path / "b.svg")
+    assert BAD_COLOUR in bad.read_text()
+    good = plot_check(check_part(excerpt, "drifting"), tmp_path / "d.svg")
+    assert BAD_COLOUR not in good.read_text()
 
 
 @pytest.mark.slow

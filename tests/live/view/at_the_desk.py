@@ -61,7 +61,7 @@ class AtTheDesk:
         return self.desk.handle_message(page, message)
 
     def hold(self, page="one", throttle=1.0, old=ON_THE_WAY, unchanged=0.0):
-        self.send_message(page, m.Drive(0.0, throttle, self.now() - old, unchanged))
+        self.send_message(page, m.DriveRequest(0.0, throttle, self.now() - old, unchanged))
 
     def take_and_arm(self, page="one"):
         self.send_message(page, m.Take(TOKEN))

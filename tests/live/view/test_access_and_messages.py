@@ -17,7 +17,7 @@ from dart_lab.live.view.messages import MalformedMessage, parse_message
 from dart_lab.live.view.operator import MAX_WRONG_TOKENS, Operator, Refused
 
 
-@pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.Drive(0.5, -1.0, 3.25),
+@pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.DriveRequest(0.5, -1.0, 3.25),
                                      m.Release(), m.Record(True)])
 def test_what_a_page_may_send_is_read_back(message):
     assert parse_message(msgspec.json.encode(message)) == message

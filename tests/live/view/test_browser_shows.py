@@ -92,8 +92,8 @@ def test_what_is_refused_thirty_times_a_second_is_shown_once_with_a_count(browse
         one.open(page.urls[0])
         one.until("DISARMED", "mode")
         before = one.run("return document.querySelectorAll('#said li').length")
-        one.run("for (let n = 0; n < 30; n++) Said.say(`a command ${201 + n} ms old`);"
-                "Said.say('STOP was pressed'); Said.say('a command 250 ms old')")
+        one.run("for (let n = 0; n < 30; n++) Notices.add(`a command ${201 + n} ms old`);"
+                "Notices.add('STOP was pressed'); Notices.add('a command 250 ms old')")
         lines = one.run("return [...document.querySelectorAll('#said li')].map(l => l.textContent)")
         assert len(lines) - before == 3, "another sentence between them begins a new line"
         assert lines[0].endswith("a command 250 ms old")

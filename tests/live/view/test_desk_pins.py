@@ -252,7 +252,7 @@ def test_one_drives_and_the_others_are_refused():
         seat.send_message("one", m.Take("right"))
         with pytest.raises(Refused, match="another page"):
             seat.send_message("two", m.Take("right"))
-        for message in (m.Arm(), m.Drive(0.0, 1.0, seat.now()), m.Record(True)):
+        for message in (m.Arm(), m.DriveRequest(0.0, 1.0, seat.now()), m.Record(True)):
             with pytest.raises(Refused, match="does not drive"):
                 seat.send_message("two", message)
         seat.send_message("two", m.Leave())

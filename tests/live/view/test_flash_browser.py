@@ -185,7 +185,7 @@ def test_another_file_and_one_that_is_none(page, old, monkeypatch, tmp_path):
         one["file"].send_keys(str(other))
         one.until("other.hex, 2 bytes", "chosen")
         one.press("go")
-        one.until("says no HELLO", "status", within=60.0)
+        one.until("sends no HELLO", "status", within=60.0)
         assert nano.flash[:2] == b"\xfe\xcf"
 
 

@@ -97,7 +97,7 @@ def test_a_car_that_falls_silent_is_lost_within_a_second():
 def test_it_drives_no_car():
     with Station("local://page2") as station:
         desk = FleetDesk([station])
-        for message in (m.Take("x"), m.Arm(), m.Drive(0.0, 1.0, 0.0), m.Record(True)):
+        for message in (m.Take("x"), m.Arm(), m.DriveRequest(0.0, 1.0, 0.0), m.Record(True)):
             with pytest.raises(Refused, match="stops them"):
                 desk.handle_message("page", message)
 

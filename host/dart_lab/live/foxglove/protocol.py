@@ -17,8 +17,10 @@ _IS_DATA = 1
 
 # Level of a status message.
 ERROR = 2
+
+
 class MalformedRequest(ValueError):
-    """A client sent a message that the protocol does not have; the text says what is wrong."""
+    """A client sent a message that the protocol does not have; the text names the fault."""
 
 
 def server_info(name: str) -> str:

@@ -9,15 +9,17 @@ from typing import Protocol
 from dart_hal.car import Car
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import State
-from dart_lab.live.ros import told
 from dart_lab.live.ros.commands import Commands
 from dart_lab.live.ros.messages import RosMessage
+from dart_lab.live.ros.told import TopicWriter, list_input_topics, list_output_topics
 
-COMMAND_SOURCE = "ros"
+ROS_COMMAND_SOURCE = "ros"
 # Validity of a command to the car: 15 States. If this program hangs just before it detects a
 # silent publisher (after MAX_MESSAGE_AGE_S), the ESC is neutral one PWM frame after 0.45 s, and
 # the car is tripped.
 COMMAND_VALIDITY_S = 0.15
+
+
 class Middleware(Protocol):
     """Transport of messages. ``heard`` may be called in any thread."""
 
@@ -39,19 +41,22 @@ class Middleware(Protocol):
 
 
 class Bridge:
-    """Car ``number`` on a middleware. clock [s]: for the age of messages. say: shows a notice."""
+    """Car ``number`` on a middleware.
 
-    def __init__(self, car: Car, number: int, middleware: Middleware, say: Callable[[str], None],
-                 clock: Callable[[], float] = elapsed) -> None:
+    clock [s]: for the age of messages. show_notice: shows a notice to the user.
+    """
+
+    def __init__(self, car: Car, number: int, middleware: Middleware,
+                 show_notice: Callable[[str], None], clock: Callable[[], float] = elapsed) -> None:
         self.commands = Commands()
         self._car = car
         self._middleware = middleware
-        self._report = say
+        self._show_notice = show_notice
         self._clock = clock
-        self._writer = told.TopicWriter(number, car.files.config.geometry.l_r, car.simulated)
-        for topic, kind in told.list_output_topics(number, car.simulated).items():
+        self._writer = TopicWriter(number, car.files.config.geometry.l_r, car.simulated)
+        for topic, kind in list_output_topics(number, car.simulated).items():
             middleware.advertise(topic, kind)
-        for topic, method in told.list_input_topics(number).items():
+        for topic, method in list_input_topics(number).items():
             middleware.subscribe(topic, self._stamp(getattr(self.commands, method)))
 
     def run(self, arming: Iterable[State], states: Iterable[State]) -> None:
@@ -71,7 +76,7 @@ class Bridge:
             command = self.commands.current_command(self._clock())
             if self._car.drives:
                 self._car.drive(steering=command.steering, throttle=command.throttle,
-                                valid_for=COMMAND_VALIDITY_S, source=COMMAND_SOURCE)
+                                valid_for=COMMAND_VALIDITY_S, source=ROS_COMMAND_SOURCE)
             self._publish(state)
         self._car.stop()
 
@@ -81,7 +86,7 @@ class Bridge:
         for topic, message in self._writer.messages(state, logged, epoch):
             self._middleware.publish(topic, message)
         for sentence in self.commands.take_reports():
-            self._report(sentence)
+            self._show_notice(sentence)
 
     def _stamp(self, method: Callable[[float, float], None]) -> Callable[[float], None]:
         return lambda value: method(value, self._clock())

@@ -36,6 +36,8 @@ RELEASE = "send safety_value 0, then 1"
 # Steering command to angle [rad] of DART's car 1: the curve that ``steering_angle_2_command`` of
 # DART's software inverts. So this car steers by the angle that the controller computed.
 steering_angle: Callable[[float], float] = make_steering(PAPER.steering)
+
+
 @dataclass(frozen=True, slots=True)
 class RosCommand:
     """Command for the car: steering [rad], throttle -1..1."""

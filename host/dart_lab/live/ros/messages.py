@@ -12,6 +12,8 @@ from dart_hal.recording.cdr import planar_covariance, twist_covariance
 
 # Name in ROS 2. ROS 1 has another type with the same two numbers.
 TIME_KIND = "builtin_interfaces/Time"
+
+
 @dataclass(frozen=True, slots=True)
 class RosMessage:
     """kind: type such as "std_msgs/Float32". A field is a number, text, sequence or RosMessage."""

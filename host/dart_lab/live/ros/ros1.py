@@ -11,6 +11,8 @@ from dart_lab.live.ros.messages import TIME_KIND, RosMessage, build_object
 
 # Messages queued for a slow subscriber, 0.1 s; then the oldest are dropped.
 MAX_QUEUED_MESSAGES = 10
+
+
 class Ros1:
     """Middleware on a rospy node. Raises UsageError without rospy or a running master."""
 

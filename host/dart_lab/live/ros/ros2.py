@@ -1,4 +1,4 @@
-"""ROS 2 middleware: an rclpy node. Tests use a stand-in, because rclpy is no Python package."""
+"""ROS 2 middleware: an rclpy node. Tests use a fake, because rclpy is no Python package."""
 
 from __future__ import annotations
 

@@ -28,6 +28,8 @@ REAL_TOPICS = {"sensors_and_input_{n}": "std_msgs/Float32MultiArray",
 SIMULATED_TOPICS = {"vicon/jetracer{n}": "geometry_msgs/PoseWithCovarianceStamped",
                     "vx_{n}": "std_msgs/Float32", "vy_{n}": "std_msgs/Float32",
                     "omega_{n}": "std_msgs/Float32"}
+
+
 def list_output_topics(number: int, simulated: bool) -> dict[str, str]:
     """Return by topic the type of each published message."""
     kinds = {**REAL_TOPICS, **SIMULATED_TOPICS} if simulated else REAL_TOPICS

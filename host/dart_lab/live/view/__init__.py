@@ -1,1 +1,1 @@
-"""A live page of a car: seen by everybody, stopped by everybody, driven by one."""
+"""A live page of a car: any visitor can watch and stop it, one can drive it."""

@@ -17,6 +17,8 @@ from dart_hal.car.viewers import VIEWER_PORT as VIEWER_PORT
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 # Characters of a host name (RFC 1035).
 MAX_HOST_NAME_LENGTH = 255
+
+
 def own_addresses() -> tuple[str, ...]:
     """Return IPv4 addresses at which others can reach this computer; sends no packet."""
     found: list[str] = []

@@ -180,7 +180,7 @@ class Desk:
                 self.operator.remove_page(page)
             elif isinstance(message, m.Release):
                 self.operator.release(page)
-            elif isinstance(message, m.Drive):
+            elif isinstance(message, m.DriveRequest):
                 self.operator.drive(page, message.steering, message.throttle, message.heard,
                                     now, message.unchanged)
             else:

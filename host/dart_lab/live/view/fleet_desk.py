@@ -26,27 +26,27 @@ BATCHES_PER_REPORT = 3
 _json = msgspec.json.encode
 
 
-def state_of(seen: CarStatus) -> str:
+def describe_state(status: CarStatus) -> str:
     """Return found (no health yet), link, arming, armed, driving, refused or lost."""
-    if seen.state in ("LOST", "UNKNOWN"):
-        return {"LOST": "lost", "UNKNOWN": "found"}[seen.state]
-    health = seen.health
-    if (health is not None and health.held) or seen.state in ("TRIPPED", "LOCKED", "FAULT"):
+    if status.state in ("LOST", "UNKNOWN"):
+        return {"LOST": "lost", "UNKNOWN": "found"}[status.state]
+    health = status.health
+    if (health is not None and health.held) or status.state in ("TRIPPED", "LOCKED", "FAULT"):
         return "refused"
-    if seen.state in ("ARMED", "RAW"):
-        moves = seen.pose is not None and abs(seen.pose.speed) > MIN_DRIVING_SPEED
+    if status.state in ("ARMED", "RAW"):
+        moves = status.pose is not None and abs(status.pose.speed) > MIN_DRIVING_SPEED
         return "driving" if moves else "armed"
-    return "arming" if seen.state == "ARMING" else "link"
+    return "arming" if status.state == "ARMING" else "link"
 
 
-def car_json(seen: CarStatus, room: str) -> dict[str, Any]:
+def car_json(status: CarStatus, room: str) -> dict[str, Any]:
     """Return a car as JSON for the page."""
-    health = seen.health
-    pose = seen.pose
+    health = status.health
+    pose = status.pose
     why = [] if health is None else [health.held, *sorted(health.doubts)]
-    return {"name": seen.name, "room": room, "state": state_of(seen), "mode": seen.state,
-            "why": "; ".join(text for text in why if text), "silent": round(seen.silent, 2),
-            "lost": seen.lost,
+    return {"name": status.name, "room": room, "state": describe_state(status),
+            "mode": status.state, "why": "; ".join(text for text in why if text),
+            "silent": round(status.silent, 2), "lost": status.lost,
             "pose": None if pose is None else {
                 "x": round(pose.pose.x, 3), "y": round(pose.pose.y, 3),
                 "yaw": round(pose.pose.yaw, 3), "frame": pose.frame,
@@ -83,8 +83,8 @@ class FleetDesk:
 
     def batch(self) -> Iterable[str]:
         """Receive, send the watch signal, repeat a STOP; report cars ten times a second."""
-        cars = [car_json(seen, station.transport.url) for station in self._stations
-                for seen in station.watch()]
+        cars = [car_json(status, station.transport.url) for station in self._stations
+                for status in station.watch()]
         finished = [station.press() for station in self._stations]
         if self._stop_calls and all(finished):
             silent = sorted(set().union(*(call.silent for call in self._stop_calls)))
@@ -135,7 +135,7 @@ class FleetPage:
         return tuple(url.partition("#")[0] for url in self.access.urls)
 
     def close(self) -> None:
-        """Idempotent."""
+        """Stop serving the page. Idempotent."""
         self._server.close()
 
     def __enter__(self) -> FleetPage:

@@ -8,6 +8,8 @@ import msgspec
 
 # A command has 80 bytes.
 MAX_MESSAGE_BYTES = 1024
+
+
 class Stop(msgspec.Struct, tag="stop", forbid_unknown_fields=True):
     """Stop the car now; every page may."""
 
@@ -34,7 +36,7 @@ class Unlock(msgspec.Struct, tag="unlock", forbid_unknown_fields=True):
     """Leave LOCKED, after three trips in a minute."""
 
 
-class Drive(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
+class DriveRequest(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
     """A command.
 
     steering (+1: largest angle to the left), throttle: both -1..1, limited to that. heard: the
@@ -58,7 +60,7 @@ class Record(msgspec.Struct, tag="record", forbid_unknown_fields=True):
     on: bool
 
 
-Message = Stop | Take | Leave | Arm | Unlock | Drive | Release | Record
+Message = Stop | Take | Leave | Arm | Unlock | DriveRequest | Release | Record
 _decode = msgspec.json.Decoder(Message).decode
 
 
@@ -75,6 +77,7 @@ def parse_message(data: str | bytes) -> Message:
         message: Message = _decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
         raise MalformedMessage(str(why)) from why
-    if isinstance(message, Drive) and not all(map(isfinite, msgspec.structs.astuple(message))):
+    if isinstance(message, DriveRequest) and not all(
+            map(isfinite, msgspec.structs.astuple(message))):
         raise MalformedMessage("steering, throttle and times must be finite numbers")
     return message

@@ -24,6 +24,8 @@ from dart_lab.live.view.access import Access
 MAX_COMMAND_AGE_S = 0.2
 # Wrong tokens of one page until its connection is closed.
 MAX_WRONG_TOKENS = 5
+
+
 @dataclass(frozen=True, slots=True)
 class PageCommand:
     """steering, throttle -1..1; remaining_s: their remaining validity."""

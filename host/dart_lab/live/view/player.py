@@ -20,9 +20,11 @@ from dart_lab.live.view.rows import FIELDS, Row, scan_points, state_row
 from dart_lab.live.view.server import PageServer, bind_socket
 
 # An hour at 100 Hz: 40 MB of JSON, the limit of a browser page.
-MAX_ROWS = 360_000
+MAX_RUN_ROWS = 360_000
 # All images together: two and a half minutes of the emulated camera.
 MAX_IMAGE_BYTES = 12_000_000
+
+
 def run_of(car: Car) -> dict[str, Any]:
     """Return the message with a recorded run.
 
@@ -41,7 +43,7 @@ def run_of(car: Car) -> dict[str, Any]:
             scans.append((len(rows) - 1, scan_points(last, state)))
         if state.image is not None and (not images or images[-1][1] is not state.image.jpeg):
             images.append((len(rows) - 1, state.image.jpeg))
-        if len(rows) == MAX_ROWS:
+        if len(rows) == MAX_RUN_ROWS:
             break
     return {"type": "run", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
             "rows": rows, "scans": scans,
@@ -103,7 +105,7 @@ class Player:
         return None
 
     def close(self) -> None:
-        """Idempotent."""
+        """Stop serving the run. Idempotent."""
         self._server.close()
 
     def __enter__(self) -> Player:

@@ -18,16 +18,17 @@ MAX_BEAM_RANGE = 40.0
 Row = list[float | None]
 
 
-def state_row(state: State, asked: Sequence[float] | None) -> Row:
+def state_row(state: State, command: Sequence[float] | None) -> Row:
     """Return the row of a State, with None for unknown and non-finite values.
 
-    asked: steering [rad] and throttle of the last command, None without one.
+    command: steering [rad] and throttle of the last command, None without one.
     """
     estimate = state.estimate
-    pose, cov = estimate.pose, estimate.pose.cov
+    pose = estimate.pose
+    cov = pose.cov
     values = (state.t, pose.x, pose.y, pose.yaw, state.speed, state.yaw_rate, state.accel_x,
               state.accel_y, state.applied.steering, state.applied.throttle,
-              *(asked or (None, None)), cov[0, 0], cov[0, 1], cov[1, 1])
+              *(command or (None, None)), cov[0, 0], cov[0, 1], cov[1, 1])
     return [None if v is None or not isfinite(v) else round(float(v), n)
             for v, n in zip(values, DIGITS, strict=True)]
 
@@ -42,7 +43,8 @@ def scan_points(scan: Scan, state: State) -> list[float]:
     # The comparison is false for NaN, which marks beams without a return.
     in_car = in_car[np.hypot(*in_car.T) < MAX_BEAM_RANGE]
     # Rotate by the yaw of the car and shift to its position.
-    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
+    cos = np.cos(pose.yaw)
+    sin = np.sin(pose.yaw)
     in_frame = in_car @ np.array([[cos, sin], [-sin, cos]]) + (pose.x, pose.y)
     flat: list[float] = np.round(in_frame.ravel(), 2).tolist()
     return flat

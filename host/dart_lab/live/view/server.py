@@ -88,6 +88,8 @@ log = logging.getLogger("dart_hal")
 _socket_log = logging.getLogger("dart_lab.live.view.sockets")
 _socket_log.setLevel(logging.WARNING)
 _socket_log.addFilter(lambda record: record.msg != "opening handshake failed")
+
+
 class Visitor(ServerConnection):
     """A connection; ``handshakes``: those without a complete request, the oldest first."""
 
@@ -184,7 +186,7 @@ class PageServer:
         self._started.wait()
 
     def close(self) -> None:
-        """Idempotent."""
+        """End the server; wait for its thread. Idempotent."""
         if self._loop is not None and self._end is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(timeout=2.0)

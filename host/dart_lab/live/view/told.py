@@ -19,6 +19,8 @@ AFTER_STOP = ("RUN_STOP", "ENCODER_MOVING")
 MAX_MAP_LINES = 4000
 # Lines (m, 4) [m] of a map: in the frame of the poses, or by frame.
 Lines = FloatArray | Mapping[str, FloatArray] | None
+
+
 def begin_message(car: Car, lines: Lines, drives: bool) -> dict[str, Any]:
     """Return the first message to a page: the car, and the map by frame ("": any)."""
     limits = car.files.config.limits

@@ -39,7 +39,7 @@ TRIP_WORDS: dict[str, Words] = {
     "CUT_OFF": ("The hardware cut-off does not pass the pulses on.",
                 f"Check the Nano and its wires. {DOCTOR}"),
     "MOVES_AT_NEUTRAL": ("The wheels sped up at neutral, so motor and steering get no pulse.",
-                         f"{WAIT_FOR_REST} If nobody pushed it, its neutral is wrong. {DOCTOR}"),
+                         f"{WAIT_FOR_REST} If it was not pushed, its neutral is wrong. {DOCTOR}"),
     "RUN_STOP": ("The car was stopped.", ARM),
 }
 

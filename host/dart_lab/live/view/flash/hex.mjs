@@ -1,11 +1,11 @@
 // Intel hex to bytes of the flash, from address 0 to the last one placed; gaps read 0xff.
 import { Failure } from "./failures.mjs";
 
-export const ROOM = 0x7800;  // bytes below the 2 KiB that the Nano's fuses reserve for a bootloader
+export const MAX_IMAGE_BYTES = 0x7800;  // below the 2 KiB that the Nano's fuses reserve for a bootloader
 const DATA = 0, END = 1, SEGMENT = 2, START = 3, LINEAR = 4, START_LINEAR = 5;
 
 export function parse(text) {
-  const flash = new Uint8Array(ROOM).fill(0xff);
+  const flash = new Uint8Array(MAX_IMAGE_BYTES).fill(0xff);
   let base = 0, end = 0;
   for (const [index, line] of text.trim().split(/\s+/).entries()) {
     const bad = (why) => new Failure("hex", `line ${index + 1} ${why}`);
@@ -16,7 +16,7 @@ export function parse(text) {
     const data = record.subarray(4, -1), kind = record[3];
     const at = base + record[1] * 0x100 + record[2];
     if (kind === DATA) {
-      if (at + data.length > ROOM) throw bad(`lies beyond the ${ROOM} bytes of the Nano`);
+      if (at + data.length > MAX_IMAGE_BYTES) throw bad(`lies beyond the ${MAX_IMAGE_BYTES} bytes of the Nano`);
       flash.set(data, at);
       end = Math.max(end, at + data.length);
     } else if (kind === END) {

@@ -1,15 +1,15 @@
-// The page: which file, which port, how far, what came of it.
+// The page: choice of file and port, progress, result.
 import { Failure } from "./failures.mjs";
 import { flash } from "./flash.mjs";
 import { BOOTLOADERS } from "./hello.mjs";
 import { parse } from "./hex.mjs";
 
-const OURS = "dart_nano.hex";
+const BUNDLED_IMAGE = "dart_nano.hex";
 const by = (id) => document.getElementById(id);
-const busy = (on) => { by("go").disabled = by("file").disabled = on; by("bar").hidden = !on; };
+const setBusy = (on) => { by("go").disabled = by("file").disabled = on; by("bar").hidden = !on; };
 let image = null;
 
-function fail(why) {
+function showFailure(why) {
   const known = why instanceof Failure ? why : Object.assign(new Failure("garbled", String(why)), { kind: "unknown" });
   by("failure").hidden = false;
   by("failure").dataset.kind = known.kind;
@@ -23,7 +23,7 @@ function clear() {
   by("status").textContent = "";
 }
 
-async function take(name, text) {  // a hex file that was chosen, or ours
+async function loadImage(name, text) {  // a chosen hex file, or the bundled one
   clear();
   image = null;
   try {
@@ -31,25 +31,25 @@ async function take(name, text) {  // a hex file that was chosen, or ours
     by("chosen").textContent = `${name}, ${image.length} bytes`;
   } catch (why) {
     by("chosen").textContent = name;
-    fail(why);
+    showFailure(why);
   }
   by("go").disabled = !image;
 }
 
-async function ours() {
-  const answer = await fetch(OURS).catch(() => null);
+async function fetchBundled() {
+  const answer = await fetch(BUNDLED_IMAGE).catch(() => null);
   if (!answer?.ok) throw new Failure("absent");
   return answer.text();
 }
 
-function tell(what, share) {
-  by("status").textContent = share === null ? what : `${what} ${Math.round(100 * share)} %`;
+function showProgress(step, share) {
+  by("status").textContent = share === null ? step : `${step} ${Math.round(100 * share)} %`;
   if (share === null) by("bar").removeAttribute("value");
   else by("bar").value = share;
 }
 
-function show({ speed, bytes, hello }) {
-  by("status").textContent = hello ? "Flashed, and the firmware answers" : "Flashed; the program says no HELLO";
+function showResult({ speed, bytes, hello }) {
+  by("status").textContent = hello ? "Flashed, and the firmware answers" : "Flashed; the program sends no HELLO";
   const rows = { "written and verified": `${bytes} bytes at ${speed} baud` };
   if (hello) Object.assign(rows, {
     "firmware": hello.version.join("."), "board": hello.board.toString(16).padStart(8, "0"),
@@ -66,19 +66,19 @@ function show({ speed, bytes, hello }) {
 
 async function go() {
   clear();
-  busy(true);
+  setBusy(true);
   try {
     const port = await navigator.serial.requestPort().catch((why) => { throw new Failure("unchosen", why.message); });
-    show(await flash(port, image, tell));
-  } catch (why) { fail(why); }
-  busy(false);
+    showResult(await flash(port, image, showProgress));
+  } catch (why) { showFailure(why); }
+  setBusy(false);
 }
 
-by("file").addEventListener("change", ({ target }) => { if (target.files[0]) take(target.files[0].name, () => target.files[0].text()); });
+by("file").addEventListener("change", ({ target }) => { if (target.files[0]) loadImage(target.files[0].name, () => target.files[0].text()); });
 by("go").addEventListener("click", go);
 addEventListener("beforeunload", (event) => { if (!by("bar").hidden) event.preventDefault(); });
-if (navigator.serial) take(OURS, ours);
+if (navigator.serial) loadImage(BUNDLED_IMAGE, fetchBundled);
 else {
   by("file").disabled = true;
-  fail(new Failure(isSecureContext ? "unsupported" : "insecure"));
+  showFailure(new Failure(isSecureContext ? "unsupported" : "insecure"));
 }

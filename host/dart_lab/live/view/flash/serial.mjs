@@ -1,31 +1,31 @@
-// A port of Web Serial, as a line: bytes out, bytes in within a time, the reset pulse.
+// A serial line on a port of Web Serial: send bytes, receive bytes within a time, reset pulse.
 import { Failure } from "./failures.mjs";
 
-const LOW = 250, HIGH = 50;  // ms; as long as avrdude keeps them
+const LOW_MS = 250, HIGH_MS = 50;  // as in avrdude
 export const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class Line {
-  constructor(port) { Object.assign(this, { port, isOpen: false, lost: "", heard: [], wake: () => {} }); }
+  constructor(port) { Object.assign(this, { port, isOpen: false, lost: "", received: [], wake: () => {} }); }
 
   async open(baudRate) {
     try {
       await this.port.open({ baudRate, bufferSize: 4096 });
     } catch (why) { throw new Failure("busy", why.message); }
-    Object.assign(this, { isOpen: true, lost: "", heard: [] });
+    Object.assign(this, { isOpen: true, lost: "", received: [] });
     this.writer = this.port.writable.getWriter();
     this.ended = this.#listen();
   }
 
   async #listen() {
-    let there = true;
-    while (there && this.isOpen && this.port.readable) {  // noise at a wrong speed ends one stream, and there is another
+    let exists = true;
+    while (exists && this.isOpen && this.port.readable) {  // noise at a wrong speed ends a stream; the port then offers another one
       this.reader = this.port.readable.getReader();
       try {
         for (;;) {
           const { value, done } = await this.reader.read();
-          there = !done;
+          exists = !done;
           if (done) break;
-          for (const byte of value) this.heard.push(byte);
+          for (const byte of value) this.received.push(byte);
           this.wake();
         }
       } catch (why) { this.why = why.message; } finally { this.reader.releaseLock(); }
@@ -34,34 +34,34 @@ export class Line {
     this.wake();
   }
 
-  async #unless(lost, work) {
+  async #throwIfLost(lost, work) {
     if (this.lost) throw new Failure("pulled", this.lost);
     try {
       return await work();
     } catch (why) { throw new Failure("pulled", why.message || lost); }
   }
 
-  send(bytes) { return this.#unless("it takes no byte", () => this.writer.write(Uint8Array.from(bytes))); }
+  send(bytes) { return this.#throwIfLost("it takes no byte", () => this.writer.write(Uint8Array.from(bytes))); }
 
-  async pulse() {  // DTR goes through 100 nF to RESET: the Nano starts anew when it is asserted
-    const set = (on) => this.#unless("it has no DTR", () => this.port.setSignals({ dataTerminalReady: on, requestToSend: on }));
+  async pulse() {  // DTR goes through 100 nF to RESET: the Nano restarts when it is asserted
+    const set = (on) => this.#throwIfLost("it has no DTR", () => this.port.setSignals({ dataTerminalReady: on, requestToSend: on }));
     await set(false);
-    await pause(LOW);
+    await pause(LOW_MS);
     await set(true);
-    await pause(HIGH);
+    await pause(HIGH_MS);
   }
 
-  clear() { this.heard = []; }
+  clear() { this.received = []; }
 
-  async take(n, ms) {  // the next n bytes, or what came within ms
+  async take(n, ms) {  // the next n bytes, or those received within ms
     const ends = Date.now() + ms;
-    while (this.heard.length < n && !this.lost && Date.now() < ends)
+    while (this.received.length < n && !this.lost && Date.now() < ends)
       await Promise.race([pause(ends - Date.now()), new Promise((done) => { this.wake = done; })]);
     if (this.lost) throw new Failure("pulled", this.lost);
-    return this.heard.splice(0, n);
+    return this.received.splice(0, n);
   }
 
-  async close() {  // whatever state it is in
+  async close() {  // in any state
     if (!this.isOpen) return;
     this.isOpen = false;
     try {

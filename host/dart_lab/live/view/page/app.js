@@ -1,25 +1,27 @@
 "use strict";
-// The socket: what comes is drawn, what the hand wants goes out. See view/messages.py for what may be said.
+// Page of one car: draws the messages of the server and sends the commands of the driver.
+// Messages to the server: view/messages.py. Messages from it: view/desk.py and view/told.py.
 (() => {
   const $ = (id) => document.getElementById(id);
   const token = decodeURIComponent(location.hash.slice(1));
-  const SEND_EVERY = 33, SILENT = 1500;  // ms
-  const REPLACED = 4001;  // code of a socket that is closed for a newer page, see server.py
-  let socket = null, fields = [], mine = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
+  const SEND_PERIOD_MS = 33, SILENT_AFTER_MS = 1500;
+  const REPLACED = 4001;  // close code of a socket that a newer page replaces, see server.py
+  let socket = null, fields = [], isDriver = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
 
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
-  const say = Said.say;
-  function badge(text) { $("mode").textContent = text; $("mode").className = `badge ${text.replace(/ /g, "-")}`; }
-  function wheel(on) {
-    mine = on;
+  const addNotice = Notices.add;
+  function setBadge(text) { $("mode").textContent = text; $("mode").className = `badge ${text.replace(/ /g, "-")}`; }
+  function setDriver(on) {
+    isDriver = on;
     $("take").textContent = on ? "Let go of the wheel" : "Take the wheel";
     $("take").classList.toggle("mine", on);
     $("arm").disabled = !on;
     Stick.enable(on);
-    if (!on) Stick.drop();
+    if (!on) Stick.release();
   }
 
-  const said = {
+  // Handlers of the messages, by type.
+  const handlers = {
     begin(message) {
       fields = message.fields;
       document.title = $("car").textContent = message.car;
@@ -27,40 +29,40 @@
       $("wheel").style.display = message.drives ? "" : "none";
       maps = message.maps; frame = null;
       Camera.begin(message.camera);
-      message.notices.forEach(say);
+      message.notices.forEach(addNotice);
     },
     rows(message) {
       heard = message.now; heardAt = performance.now();
-      message.rows.forEach(take);
+      message.rows.forEach(addRow);
     },
     log(message) { Plots.log(message.values); },
     scan(message) { Floor.scan(message.points); },
     others(message) { Floor.others(message.poses); },
-    said(message) { say(message.text); },
-    yours() { wheel(true); },
+    said(message) { addNotice(message.text); },
+    yours() { setDriver(true); },
     run(message) {
-      if (!message.rows.length) { say("this run holds no samples"); return; }
+      if (!message.rows.length) { addNotice("this run has no samples"); return; }
       document.title = $("car").textContent = message.car;
-      badge("recorded");
+      setBadge("recorded");
       for (const id of ["wheel", "stop"]) $(id).style.display = "none";
       Player.show(message);
     },
-    status: show,
+    status: showStatus,
   };
   let row = null;
-  function take(values) {
+  function addRow(values) {
     row = Object.fromEntries(fields.map((name, n) => [name, values[n]]));
     Floor.add(row);
     Plots.add(row);
   }
 
-  const number = (v, digits, unit) => v === null || v === undefined ? "-" : `${v.toFixed(digits)} ${unit}`;
-  function numbers(s) {
+  const format = (v, digits, unit) => v === null || v === undefined ? "-" : `${v.toFixed(digits)} ${unit}`;
+  function showNumbers(s) {
     const deg = 180 / Math.PI, list = {
-      "speed": number(row && row.speed, 2, "m/s"), "yaw rate": number(row && row.yaw_rate, 2, "rad/s"),
-      "steering": row ? `${number(row.steering === null ? null : row.steering * deg, 1, "deg")} (asked ${number(row.asked_steering === null ? null : row.asked_steering * deg, 1, "deg")})` : "-",
-      "throttle": row ? `${number(row.throttle, 3, "")}(asked ${number(row.asked_throttle, 3, "").trim()})` : "-",
-      "pulses": `${s.us[0]} / ${s.us[1]} us`, "pose": row ? `${number(row.x, 2, "m")} ${number(row.y, 2, "m")}` : "-",
+      "speed": format(row && row.speed, 2, "m/s"), "yaw rate": format(row && row.yaw_rate, 2, "rad/s"),
+      "steering": row ? `${format(row.steering === null ? null : row.steering * deg, 1, "deg")} (requested ${format(row.asked_steering === null ? null : row.asked_steering * deg, 1, "deg")})` : "-",
+      "throttle": row ? `${format(row.throttle, 3, "")}(requested ${format(row.asked_throttle, 3, "").trim()})` : "-",
+      "pulses": `${s.us[0]} / ${s.us[1]} us`, "pose": row ? `${format(row.x, 2, "m")} ${format(row.y, 2, "m")}` : "-",
       "frame": `${s.frame}, ${s.tracking}`, "limited": s.limited.join(", ") || "-", "doubts": s.doubts.join(", ") || "-",
       "link": `${s.link.age_ms} ms, ${s.link.lost} lost, ${s.link.damaged} damaged`,
       "loop": `p99 ${s.loop.p99_ms ?? "-"} ms, ${s.loop.late} late`, "pages": s.pages,
@@ -71,68 +73,70 @@
       return [dt, dd];
     }));
   }
-  function trouble(list) {
+  function showProblems(list) {
     $("trouble").replaceChildren(...list.map(({ name, text, remedy }) => {
       const item = document.createElement("div"), head = document.createElement("b"), rest = document.createElement("span"), code = document.createElement("i");
       head.textContent = text; rest.textContent = remedy; code.textContent = name;
-      item.classList.toggle("note", name === "ENCODER_MOVING");  // a car that rolls out has no fault
+      item.classList.toggle("note", name === "ENCODER_MOVING");  // a car that is still rolling has no fault
       item.append(head, " ", rest, " ", code);
       return item;
     }));
   }
-  function show(s) {
+  function showStatus(s) {
     mode = s.mode;
-    badge(mode);
-    if (mine && !s.driven) wheel(false);
-    if (!mine) $("take").disabled = s.driven;
-    $("arm").disabled = !mine || mode !== "DISARMED";
-    $("unlock").hidden = !mine || mode !== "LOCKED";
+    setBadge(mode);
+    if (isDriver && !s.driven) setDriver(false);
+    if (!isDriver) $("take").disabled = s.driven;
+    $("arm").disabled = !isDriver || mode !== "DISARMED";
+    $("unlock").hidden = !isDriver || mode !== "LOCKED";
     $("link").textContent = `${s.link.age_ms} ms, ${s.pages} page${s.pages === 1 ? "" : "s"}`;
     if (s.frame !== frame) { frame = s.frame; Floor.map(maps[frame] || maps[""] || []); }
-    numbers(s);
+    showNumbers(s);
     Camera.status(s.camera, s.t);
-    trouble([...(s.trouble ? [{ name: "link lost", text: s.trouble, remedy: "" }] : []), ...(s.trips ? [s.trips] : []), ...s.refusals]);
-    $("record").hidden = !("recording" in s) || !mine;
+    showProblems([...(s.trouble ? [{ name: "link lost", text: s.trouble, remedy: "" }] : []), ...(s.trips ? [s.trips] : []), ...s.refusals]);
+    $("record").hidden = !("recording" in s) || !isDriver;
     if (!$("record").hidden) { $("record").classList.toggle("on", Boolean(s.recording)); $("record").textContent = s.recording ? `Stop recording ${s.recording}` : "Record"; }
   }
 
-  function lost() {
-    const gone = () => { badge("gone"); if (first) say("the program that serves this page has ended, or the network is gone"); first = false; };
+  // The socket is closed: find out whether the server has ended or has no place for this page.
+  function explainLoss() {
+    const gone = () => { setBadge("gone"); if (first) addNotice("the program that serves this page has ended, or the network is gone"); first = false; };
     fetch("/socket", { cache: "no-store" }).then((answer) => {
-      if (answer.status === 503) { badge("full"); if (first) say("all places for watching are taken: this page shows nothing, but its STOP works"); first = false; } else gone();
+      if (answer.status === 503) { setBadge("full"); if (first) addNotice("too many pages are open: this page shows nothing, but its STOP works"); first = false; } else gone();
     }, gone);
   }
-  function open() {
+  function connect() {
     socket = new WebSocket(`ws://${location.host}/socket`);
-    socket.onopen = () => { badge("connected"); };
-    socket.onmessage = (event) => { const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
+    socket.onopen = () => { setBadge("connected"); };
+    socket.onmessage = (event) => { const message = JSON.parse(event.data); (handlers[message.type] || (() => {}))(message); };
     socket.onclose = (event) => {
-      wheel(false); heard = null;
-      if (event.code === REPLACED) { badge("full"); say("a newer page took the place of this one: reload it to watch again; its STOP works"); return; }
-      lost(); setTimeout(open, 1000);
+      setDriver(false); heard = null;
+      if (event.code === REPLACED) { setBadge("full"); addNotice("a newer page replaced this one: reload it to watch again; its STOP works"); return; }
+      explainLoss(); setTimeout(connect, 1000);
     };
   }
 
-  const heardLately = () => socket && socket.readyState === 1 && performance.now() - heardAt < SILENT;
-  Stop.install({ send: () => { send({ type: "stop" }); return heardLately(); }, say, drop: Stick.drop });
-  $("take").onclick = () => { if (mine) { wheel(false); send({ type: "leave" }); } else send({ type: "take", token }); };
+  const isServerAlive = () => socket && socket.readyState === 1 && performance.now() - heardAt < SILENT_AFTER_MS;
+  Stop.install({ send: () => { send({ type: "stop" }); return isServerAlive(); }, addNotice, releaseStick: Stick.release });
+  $("take").onclick = () => { if (isDriver) { setDriver(false); send({ type: "leave" }); } else send({ type: "take", token }); };
   $("arm").onclick = () => send({ type: "arm" });
   $("unlock").onclick = () => send({ type: "unlock" });
   $("record").onclick = () => send({ type: "record", on: !$("record").classList.contains("on") });
 
   setInterval(() => {
-    if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT) badge("no news");
-    const at = Stick.read();
-    if (!mine || heard === null) { holding = false; return; }
-    if (at) { holding = true; send({ type: "drive", steering: at[0], throttle: at[1], heard, unchanged: Stick.unchanged() / 1000 }); }
+    if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT_AFTER_MS) setBadge("no news");
+    const position = Stick.read();
+    if (!isDriver || heard === null) { holding = false; return; }
+    if (position) { holding = true; send({ type: "drive", steering: position[0], throttle: position[1], heard, unchanged: Stick.unchanged() / 1000 }); }
     else if (holding) { holding = false; send({ type: "release" }); }
-  }, SEND_EVERY);
-  const letGo = () => { if (holding && mine) { holding = false; send({ type: "release" }); } };
-  document.addEventListener("visibilitychange", () => { if (document.hidden) letGo(); });
-  addEventListener("pagehide", letGo);
-  wheel(false);
-  // As static files, beside a run: index.html?run=run.json
+  }, SEND_PERIOD_MS);
+  // A page that is hidden or left cannot be driven from: it releases the stick at once.
+  const releaseHidden = () => { if (holding && isDriver) { holding = false; send({ type: "release" }); } };
+  document.addEventListener("visibilitychange", () => { if (document.hidden) releaseHidden(); });
+  addEventListener("pagehide", releaseHidden);
+  setDriver(false);
+  // Without a server, as static files with a run: index.html?run=run.json
   const file = new URLSearchParams(location.search).get("run");
-  if (file) fetch(file).then((answer) => answer.json()).then(said.run, () => say(`${file} cannot be read`));
-  else open();
+  if (file) fetch(file).then((answer) => answer.json()).then(handlers.run, () => addNotice(`${file} cannot be read`));
+  else connect();
 })();

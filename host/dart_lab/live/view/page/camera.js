@@ -1,28 +1,29 @@
 "use strict";
-// The camera's newest image. Asked for once the last one is drawn: a slow page sees fewer, and delays nobody.
+// The newest image of the camera. It is requested after the last one is drawn, so a slow page gets fewer images
+// and delays no other page.
 const Camera = (() => {
-  const AGAIN = 60, FAILED = 1000;  // ms
+  const REQUEST_PERIOD_MS = 60, RETRY_PERIOD_MS = 1000;
   const $ = (id) => document.getElementById(id);
-  let live = false, asked = 0, begun = 0;
+  let live = false, requests = 0, loads = 0;
 
-  // The last image stays until the next is whole: one that is loading has no size.
+  // The last image stays until the next one is complete: an image that is loading has no size.
   function load(src, then) {
-    const next = new Image(), mine = ++begun;
+    const next = new Image(), number = ++loads;
     next.alt = $("picture").alt;
-    next.onload = () => { if (mine === begun) { $("picture").replaceWith(next); next.id = "picture"; } then(AGAIN); };
-    next.onerror = () => then(FAILED);
+    next.onload = () => { if (number === loads) { $("picture").replaceWith(next); next.id = "picture"; } then(REQUEST_PERIOD_MS); };
+    next.onerror = () => then(RETRY_PERIOD_MS);
     next.src = src;
   }
-  const again = (ms) => setTimeout(ask, ms);
-  function ask() { if (!live) return; if (document.hidden) again(FAILED); else load(`camera.jpg?${asked++}`, again); }
+  const requestAfter = (ms) => setTimeout(request, ms);
+  function request() { if (!live) return; if (document.hidden) requestAfter(RETRY_PERIOD_MS); else load(`camera.jpg?${requests++}`, requestAfter); }
   $("eye").onclick = () => $("eye").classList.toggle("large");
 
   return {
-    begin(there) { const fresh = there && !live; live = there; $("eye").hidden = !there; if (fresh) ask(); },
-    status(told, t) {
-      if (!told) return;
-      $("eye").classList.toggle("bad", Boolean(told.told));
-      $("taken").textContent = told.told || (told.t === null ? "no image yet" : `${told.rate ?? "-"} a second, ${Math.round(1000 * (t - told.t))} ms old`);
+    begin(hasCamera) { const isNew = hasCamera && !live; live = hasCamera; $("eye").hidden = !hasCamera; if (isNew) request(); },
+    status(camera, t) {
+      if (!camera) return;
+      $("eye").classList.toggle("bad", Boolean(camera.told));
+      $("taken").textContent = camera.told || (camera.t === null ? "no image yet" : `${camera.rate ?? "-"} a second, ${Math.round(1000 * (t - camera.t))} ms old`);
     },
     put(jpeg, text) { $("eye").hidden = false; load(`data:image/jpeg;base64,${jpeg}`, () => {}); $("taken").textContent = text; },
   };

@@ -1,13 +1,13 @@
 "use strict";
-// All cars of the rooms: a card each, a place on the floor, one STOP.
+// Page of all cars of some rooms: a card and a place on the map for each car, and one STOP.
 (() => {
   const $ = (id) => document.getElementById(id);
   const cards = new Map();
   let socket = null, heardAt = -1e9;
-  const SILENT = 1500;  // ms
+  const SILENT_AFTER_MS = 1500;
 
-  function badge(text, css) { $("mode").textContent = text; $("mode").className = `badge ${css}`; }
-  function card(key) {
+  function setBadge(text, css) { $("mode").textContent = text; $("mode").className = `badge ${css}`; }
+  function findCard(key) {
     if (!cards.has(key)) {
       const item = document.createElement("article");
       item.append(...["b", "span", "p", "p"].map((tag) => document.createElement(tag)));
@@ -16,8 +16,8 @@
     }
     return cards.get(key);
   }
-  function show(car) {
-    const item = card(`${car.room} ${car.name}`), [name, state, where, why] = item.children, p = car.pose;
+  function showCar(car) {
+    const item = findCard(`${car.room} ${car.name}`), [name, state, where, why] = item.children, p = car.pose;
     item.className = car.state;
     item.dataset.name = car.name;
     name.textContent = car.name;
@@ -25,33 +25,35 @@
     where.textContent = p ? `${p.speed.toFixed(2)} m/s at ${p.x.toFixed(2)}, ${p.y.toFixed(2)} m (${p.frame})` : "no pose";
     why.textContent = [car.state === "refused" ? car.mode : "", car.why].filter(Boolean).join(": ");
   }
-  const said = {
+  // Handlers of the messages, by type.
+  const handlers = {
     rooms(message) {
       $("rooms").textContent = message.rooms.join("  ");
       $("open").hidden = !message.open.length;
     },
     cars(message) {
       const lost = message.cars.filter((car) => car.state === "lost").length;
-      badge(`${message.cars.length} car${message.cars.length === 1 ? "" : "s"}${lost ? `, ${lost} lost` : ""}`, lost ? "gone" : "");
-      message.cars.forEach(show);
+      setBadge(`${message.cars.length} car${message.cars.length === 1 ? "" : "s"}${lost ? `, ${lost} lost` : ""}`, lost ? "gone" : "");
+      message.cars.forEach(showCar);
       Floor.others(message.cars.filter((car) => car.pose).map((car) => ({ ...car.pose, name: car.name })));
     },
-    said(message) { Said.say(message.text); },
+    said(message) { Notices.add(message.text); },
   };
-  function open() {
+  function connect() {
     socket = new WebSocket(`ws://${location.host}/socket`);
-    socket.onmessage = (event) => { heardAt = performance.now(); const message = JSON.parse(event.data); (said[message.type] || (() => {}))(message); };
-    socket.onclose = (event) => { if (event.code === 4001) { badge("a newer page took this place: reload; STOP ALL works", "full"); return; } badge("this page has lost its program", "gone"); lost(); setTimeout(open, 1000); };
+    socket.onmessage = (event) => { heardAt = performance.now(); const message = JSON.parse(event.data); (handlers[message.type] || (() => {}))(message); };
+    socket.onclose = (event) => { if (event.code === 4001) { setBadge("a newer page replaced this one: reload; STOP ALL works", "full"); return; } setBadge("the server of this page does not answer", "gone"); explainLoss(); setTimeout(connect, 1000); };
   }
-  function lost() {
-    fetch("/socket", { cache: "no-store" }).then((answer) => badge(answer.status === 503
-      ? "all places for watching are taken: STOP ALL works" : "this page has lost its program: it can stop nothing", "gone"),
-    () => badge("this page has lost its program: it can stop nothing", "gone"));
+  // The socket is closed: find out whether the server has ended or has no place for this page.
+  function explainLoss() {
+    const ended = "the server of this page does not answer: STOP ALL has no effect";
+    fetch("/socket", { cache: "no-store" }).then((answer) => setBadge(answer.status === 503
+      ? "too many pages are open: STOP ALL works" : ended, "gone"), () => setBadge(ended, "gone"));
   }
   function send() {
     if (socket.readyState === 1) socket.send('{"type":"stop"}');
-    return socket.readyState === 1 && performance.now() - heardAt < SILENT;
+    return socket.readyState === 1 && performance.now() - heardAt < SILENT_AFTER_MS;
   }
-  Stop.install({ send, say: Said.say, drop: () => {} });
-  open();
+  Stop.install({ send, addNotice: Notices.add, releaseStick: () => {} });
+  connect();
 })();

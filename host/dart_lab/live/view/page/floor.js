@@ -1,7 +1,7 @@
 "use strict";
-// The floor from above: map, path, covariance, scan and the car. Metres, x right, y up.
+// Top view: map, path, covariance, scan and cars. Metres, x right, y up.
 const Floor = (() => {
-  const KEPT = 6000, BODY = [0.30, 0.19, 0.0625];  // rows of the path; m: length, width, rear overhang
+  const MAX_PATH_POINTS = 6000, BODY = [0.30, 0.19, 0.0625];  // body of a car [m]: length, width, rear overhang
   const canvas = document.getElementById("floor"), pen = canvas.getContext("2d");
   let scale = 90, centre = [0, 0], follow = true, dirty = true;
   const path = [];
@@ -16,7 +16,7 @@ const Floor = (() => {
     pen.stroke();
   };
 
-  function raster() {
+  function drawGrid() {
     const step = scale > 50 ? 0.5 : scale > 12 ? 1 : 5, k = scale * devicePixelRatio;
     const w = canvas.width / 2 / k, h = canvas.height / 2 / k;
     for (let x = Math.ceil((centre[0] - w) / step) * step; x < centre[0] + w; x += step) line([[x, centre[1] - h], [x, centre[1] + h]], style("--line"), 0.5);
@@ -25,8 +25,9 @@ const Floor = (() => {
     pen.fillText(`grid ${step} m`, 8 * devicePixelRatio, canvas.height - 10 * devicePixelRatio);
   }
 
-  // Two sigma of the position: the ellipse of the covariance, by its eigenvectors.
-  function ellipse({ x, y, sxx, sxy, syy }) {
+  // Draw the ellipse of two standard deviations of the position. The eigenvalues of the covariance are mean +- off, and
+  // turn is the angle of the first eigenvector.
+  function drawEllipse({ x, y, sxx, sxy, syy }) {
     if (!(sxx > 0) || !(syy > 0)) return;
     const mean = (sxx + syy) / 2, off = Math.hypot((sxx - syy) / 2, sxy), turn = Math.atan2(2 * sxy, sxx - syy) / 2;
     const k = 2 * scale * devicePixelRatio;
@@ -35,7 +36,7 @@ const Floor = (() => {
     pen.stroke();
   }
 
-  function body({ x, y, yaw }, colour) {
+  function drawBody({ x, y, yaw }, colour) {
     const [length, width, rear] = BODY, c = Math.cos(yaw), s = Math.sin(yaw);
     const at = (a, b) => [x + c * a - s * b, y + s * a + c * b];
     const corners = [at(-rear, -width / 2), at(length - rear, -width / 2), at(length - rear, width / 2), at(-rear, width / 2)];
@@ -53,19 +54,19 @@ const Floor = (() => {
     dirty = false;
     if (follow && car) centre = [car.x, car.y];
     pen.clearRect(0, 0, canvas.width, canvas.height);
-    raster();
+    drawGrid();
     for (const [a, b, c, d] of map) line([[a, b], [c, d]], style("--ink"), 2);
     line(path, style("--blue"), 1.5);
     pen.fillStyle = style("--red");
     for (let n = 0; n < scan.length; n += 2) { const [a, b] = px(scan[n], scan[n + 1]); pen.fillRect(a - 1, b - 1, 2 * devicePixelRatio, 2 * devicePixelRatio); }
     others.forEach((other) => {
-      body(other, style("--quiet"));
+      drawBody(other, style("--quiet"));
       if (other.name) { pen.fillStyle = style("--ink"); pen.fillText(other.name, ...px(other.x + 0.3, other.y + 0.12)); }
     });
-    if (car) { ellipse(car); body(car, style("--blue")); }
+    if (car) { drawEllipse(car); drawBody(car, style("--blue")); }
   }
 
-  const zoom = (by) => { scale = Math.min(400, Math.max(4, scale * by)); dirty = true; };
+  const zoom = (factor) => { scale = Math.min(400, Math.max(4, scale * factor)); dirty = true; };
   document.getElementById("near").onclick = () => zoom(1.4);
   document.getElementById("far").onclick = () => zoom(1 / 1.4);
   document.getElementById("follow").onchange = (event) => { follow = event.target.checked; dirty = true; };
@@ -81,9 +82,9 @@ const Floor = (() => {
   return {
     add(row) {
       if (row.x === null || row.y === null) return;
-      if (car && Math.hypot(row.x - car.x, row.y - car.y) > 0.5) path.length = 0;  // another frame of reference
+      if (car && Math.hypot(row.x - car.x, row.y - car.y) > 0.5) path.length = 0;  // a jump: the frame of reference has changed
       path.push([row.x, row.y]);
-      if (path.length > KEPT) path.splice(0, path.length - KEPT);
+      if (path.length > MAX_PATH_POINTS) path.splice(0, path.length - MAX_PATH_POINTS);
       car = row; dirty = true;
     },
     clear() { path.length = 0; car = null; dirty = true; },

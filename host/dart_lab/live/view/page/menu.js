@@ -1,5 +1,6 @@
 "use strict";
-// A menu inside the page. That of the browser takes the keys, so the space bar would not stop the car, and covers STOP on a phone.
+// A menu inside the page. The menu of a browser takes the keys, so that the space bar would not stop the car, and covers
+// STOP on a phone.
 // `Menu.within(select)`: pointer and keys open a list of buttons; the select keeps the value and reports the change.
 const Menu = (() => {
   function within(select) {

@@ -3,20 +3,20 @@
 const Plots = (() => {
   const SECONDS = 20;
   const AXES = { speed: "m/s", yaw_rate: "rad/s", steering: "rad", throttle: "", accel: "m/s2", x: "m", y: "m", yaw: "rad" };
-  const PAIRS = { "speed": ["speed"], "yaw rate": ["yaw_rate"], "steering, asked and applied": ["asked_steering", "steering"],
-    "throttle, asked and applied": ["asked_throttle", "throttle"], "acceleration": ["accel_x", "accel_y"], "heading": ["yaw"] };
+  const PAIRS = { "speed": ["speed"], "yaw rate": ["yaw_rate"], "steering, requested and applied": ["asked_steering", "steering"],
+    "throttle, requested and applied": ["asked_throttle", "throttle"], "acceleration": ["accel_x", "accel_y"], "heading": ["yaw"] };
   const columns = {}, logged = {};
   const colours = ["--orange", "--blue"];
-  const plots = [0, 1].map((n) => ({ place: document.getElementById(`plot${n}`), choice: document.getElementById(`channel${n}`), of: null, picture: null }));
+  const plots = [0, 1].map((n) => ({ place: document.getElementById(`plot${n}`), choice: document.getElementById(`channel${n}`), shown: null, picture: null }));
   let t = [];
 
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   function fill() {
     const names = [...Object.keys(PAIRS), ...Object.keys(logged)];
     for (const plot of plots) {
-      const kept = plot.choice.value;
+      const selected = plot.choice.value;
       plot.choice.replaceChildren(...names.map((name) => new Option(name)));
-      plot.choice.value = names.includes(kept) ? kept : names[plots.indexOf(plot) ? 2 : 0];
+      plot.choice.value = names.includes(selected) ? selected : names[plots.indexOf(plot) ? 2 : 0];
     }
   }
   function make(plot) {
@@ -27,13 +27,13 @@ const Plots = (() => {
     plot.picture = new uPlot({ width: plot.place.clientWidth || 300, height: 130, cursor: { show: false }, legend: { show: false },
       scales: { x: { time: false } }, axes: [{ ...axis, size: 24 }, { ...axis, size: 46 }],
       series: [{}, ...channels.map((c, n) => ({ label: c, stroke: colour(n), width: 1.5 }))] }, [[]], plot.place);
-    plot.of = plot.choice.value;
+    plot.shown = plot.choice.value;
     plot.channels = channels;
   }
   function draw() {
     if (!t.length) return;
     for (const plot of plots) {
-      if (plot.of !== plot.choice.value) make(plot);
+      if (plot.shown !== plot.choice.value) make(plot);
       const width = plot.place.clientWidth;
       if (width && width !== plot.picture.width) plot.picture.setSize({ width, height: 130 });
       const data = plot.channels.map((name) => name in logged ? logged[name] : columns[name]);
@@ -41,7 +41,7 @@ const Plots = (() => {
     }
   }
   fill();
-  // The menu gives the focus back: the next key is the driver's.
+  // The menu gives up the focus, so that the next key drives.
   for (const plot of plots) { Menu.within(plot.choice); plot.choice.addEventListener("change", () => plot.choice.blur()); }
   setInterval(draw, 100);
 
@@ -52,9 +52,9 @@ const Plots = (() => {
       for (const name in row) (columns[name] ||= []).push(row[name]);
       for (const name in logged) logged[name].push(logged[name].newest ?? null);
       if (t[0] < row.t - SECONDS - 1) {
-        const gone = t.findIndex((at) => at >= row.t - SECONDS);
-        t.splice(0, gone);
-        for (const column of [...Object.values(columns), ...Object.values(logged)]) column.splice(0, gone);
+        const expired = t.findIndex((at) => at >= row.t - SECONDS);
+        t.splice(0, expired);
+        for (const column of [...Object.values(columns), ...Object.values(logged)]) column.splice(0, expired);
       }
     },
     log(values) {

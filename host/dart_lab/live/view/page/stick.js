@@ -1,12 +1,12 @@
 "use strict";
-// What the hand wants: stick, keys or gamepad. Held = a dead man's switch; `Stick.read()` is null when nothing is held.
+// Driver input: stick, keys or gamepad. Holding it is the dead man's switch: `Stick.read()` is null if nothing is held.
 const Stick = (() => {
   const face = document.getElementById("stick"), knob = document.getElementById("knob");
   const KEYS = { KeyW: [0, 1], ArrowUp: [0, 1], KeyS: [0, -1], ArrowDown: [0, -1], KeyA: [1, 0], ArrowLeft: [1, 0], KeyD: [-1, 0], ArrowRight: [-1, 0] };
   const BUMPER = 5, STEER = 0, THROTTLE = 3, DEAD_ZONE = 0.05;  // of the standard gamepad
   const down = new Set();
   let held = null, pointer = null, box = null;
-  // Times of the last report of each source [ms]. A value that is merely read again is no report: its device may be out of range.
+  // Times of the last report of each source [ms]. A value that is read again is no report: its device may be out of range.
   const reported = { pointer: 0, keys: 0, pad: 0 };
   let source = "pointer", padState = "";
   const report = (name) => { reported[name] = performance.now(); };
@@ -14,33 +14,34 @@ const Stick = (() => {
   const show = (at) => { knob.style.transform = at ? `translate(${-at[0] * 62}px, ${-at[1] * 62}px)` : ""; };
   function put(event) {
     const r = box.width / 2;
-    const cut = (v) => Math.max(-1, Math.min(1, v));
-    held = [cut(-(event.clientX - box.left - r) / r), cut(-(event.clientY - box.top - r) / r)];
+    const clamp = (v) => Math.max(-1, Math.min(1, v));
+    held = [clamp(-(event.clientX - box.left - r) / r), clamp(-(event.clientY - box.top - r) / r)];
     report("pointer");
   }
-  function drop() { held = null; pointer = null; }
+  function releasePointer() { held = null; pointer = null; }
   face.addEventListener("pointerdown", (event) => { if (pointer === null) { pointer = event.pointerId; face.setPointerCapture(pointer); box = face.getBoundingClientRect(); put(event); event.preventDefault(); } });
   face.addEventListener("pointermove", (event) => { if (event.pointerId === pointer) put(event); });
-  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) face.addEventListener(name, (event) => { if (event.pointerId === pointer) drop(); });
-  // A menu and a slider keep the arrow keys; letters drive with every focus but a text field.
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) face.addEventListener(name, (event) => { if (event.pointerId === pointer) releasePointer(); });
+  // Arrow keys belong to a menu or slider with the focus. Letters drive unless a text field has the focus.
   const TEXT = ["text", "search", "number", "email", "url", "password", "tel"];
   const typing = ({ target, code }) => target.tagName === "TEXTAREA" || target.isContentEditable || (target.tagName === "INPUT" && TEXT.includes(target.type))
     || (code.startsWith("Arrow") && (target.tagName === "SELECT" || target.type === "range"));
   addEventListener("keydown", (event) => { if (event.code in KEYS && !typing(event)) { down.add(event.code); report("keys"); event.preventDefault(); } });
   addEventListener("keyup", (event) => { if (down.delete(event.code)) report("keys"); });
-  // A page that is not looked at holds nothing.
-  const blind = () => { drop(); down.clear(); };
-  addEventListener("blur", blind);
-  addEventListener("pagehide", blind);
-  document.addEventListener("visibilitychange", () => { if (document.hidden) blind(); });
+  // A page without the focus releases everything.
+  const release = () => { releasePointer(); down.clear(); };
+  addEventListener("blur", release);
+  addEventListener("pagehide", release);
+  document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });
 
-  const worn = (v) => Math.abs(v) > DEAD_ZONE ? v : 0;
+  // The rest position of a worn stick is not exactly 0.
+  const applyDeadZone = (v) => Math.abs(v) > DEAD_ZONE ? v : 0;
   function pad() {
     for (const one of navigator.getGamepads ? navigator.getGamepads() : []) {
       if (!one || one.connected === false || !one.buttons[BUMPER] || !one.buttons[BUMPER].pressed) continue;
       const state = JSON.stringify([one.axes, one.buttons.map((button) => [button.pressed, button.value])]);
       if (state !== padState) { padState = state; report("pad"); }
-      return [-worn(one.axes[STEER]), -worn(one.axes[THROTTLE])];
+      return [-applyDeadZone(one.axes[STEER]), -applyDeadZone(one.axes[THROTTLE])];
     }
     padState = "";
     return null;
@@ -53,15 +54,15 @@ const Stick = (() => {
   }
   return {
     read() {
-      const hands = { pointer: () => held, keys, pad };
+      const sources = { pointer: () => held, keys, pad };
       let at = null;
-      for (source of document.hidden ? [] : Object.keys(hands)) if ((at = hands[source]())) break;
+      for (source of document.hidden ? [] : Object.keys(sources)) if ((at = sources[source]())) break;
       show(at);
       return at;
     },
     // ms since the source of the last read() reported anything
     unchanged() { return performance.now() - reported[source]; },
     enable(on) { face.classList.toggle("off", !on); },
-    drop: blind,
+    release,
   };
 })();

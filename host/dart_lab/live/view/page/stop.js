@@ -1,28 +1,30 @@
 "use strict";
-// STOP of both pages: the button, and the space bar with every focus. `Stop.install({ send, say, drop })`.
-// send: deliver through the socket, returns whether it is open and the server was heard just now; say: show a sentence; drop: let go of the stick.
+// STOP of both pages: the button, and the space bar with every focus. `Stop.install({ send, addNotice, releaseStick })`.
+// send: sends STOP through the socket, returns whether it is open and the server has answered recently; addNotice: shows a text;
+// releaseStick: releases the stick.
 const Stop = (() => {
-  const SAME_PRESS = 400;  // ms; a finger is reported when it comes down, and its click is the same press
+  // A touch is reported as pointerdown and as click; both within this time are one press.
+  const SAME_PRESS_MS = 400;
   const button = document.getElementById("stop");
-  // A recorded run has nothing to stop: its button is gone, and the space bar is that of the browser.
+  // The page of a recorded run has no STOP button; the space bar keeps its function in the browser.
   const isSpace = (event) => (event.code === "Space" || event.key === " ") && button.style.display !== "none";
   let pressed = -1e9;
 
-  // A way without a socket: all places for watching may be taken, or the socket hangs.
-  function request(say) {
+  // STOP without a socket: too many pages may be open, or the socket hangs.
+  function requestStop(addNotice) {
     fetch("/stop", { headers: { "X-Dart-Stop": "1" }, cache: "no-store" }).then(
-      (answer) => { if (!answer.ok) say(`STOP was refused: ${answer.status} ${answer.statusText}. Take the car by hand.`); },
-      () => say("STOP did not reach the program. Take the car by hand."));
+      (answer) => { if (!answer.ok) addNotice(`STOP was refused: ${answer.status} ${answer.statusText}. Take the car by hand.`); },
+      () => addNotice("STOP did not reach the program. Take the car by hand."));
   }
   return {
-    install({ send, say, drop }) {
+    install({ send, addNotice, releaseStick }) {
       function stop() {
-        drop();
-        if (performance.now() - pressed > SAME_PRESS && !send()) request(say);
+        releaseStick();
+        if (performance.now() - pressed > SAME_PRESS_MS && !send()) requestStop(addNotice);
         pressed = performance.now();
       }
       for (const name of ["pointerdown", "click"]) button.addEventListener(name, stop);
-      // In the capture phase and without the default action: no element gets the key first, none is pressed by it.
+      // In the capture phase and without the default action, so that no element gets the key first or is pressed by it.
       addEventListener("keydown", (event) => { if (isSpace(event)) { event.preventDefault(); event.stopPropagation(); stop(); } }, true);
       for (const name of ["keypress", "keyup"]) addEventListener(name, (event) => { if (isSpace(event)) { event.preventDefault(); event.stopPropagation(); } }, true);
     },
