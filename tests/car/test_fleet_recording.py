@@ -123,7 +123,7 @@ def test_the_first_car_decides_whether_a_file_has_a_calendar(tmp_path, monkeypat
     monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
     monkeypatch.setattr("dart_hal.recording.run_file.elapsed_ns", lambda: 200 * 10**9)
     shared = RunFile(tmp_path / "run.mcap")
-    assert [shared.zero_of(now) for now in (first, second)] == zeros
+    assert [shared.find_clock_zero(now) for now in (first, second)] == zeros
     shared.close()
 
 

@@ -13,7 +13,7 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.recording.check import check
 from dart_hal.recording.dart import Reference, fit_reference, grid, read, with_marker_frames
 from dart_hal.recording.dart import reference as reference_module
-from dart_hal.recording.dart.reference import SEP_24, Y_2025, difference, tabulated
+from dart_hal.recording.dart.reference import SEP_24, Y_2025, difference, find_tabulated
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
@@ -87,11 +87,11 @@ def test_date_and_schema_give_no_frame(schema, tmp_path):
     """The files are of September 2024, or of schema C, and of another car than DART's."""
     recording, true = simulate_recording(1)
     made = fit_frame(read(write_table(table_of(recording, schema), tmp_path / "own.csv")))
-    assert tabulated(made) == (SEP_24 if schema == "B" else Y_2025), "what was assumed before"
+    assert find_tabulated(made) == (SEP_24 if schema == "B" else Y_2025), "what was assumed before"
     assert not made.published
     assert np.abs(z_scores(made.marker, true)[:2]).max() < ALLOWED
     assert "marker" in kinds(made)
-    assert abs(made.marker.theta - tabulated(made).theta) > 10.0 * made.marker.std[1]
+    assert abs(made.marker.theta - find_tabulated(made).theta) > 10.0 * made.marker.std[1]
 
 
 def test_published_file_has_the_frame_of_the_table(excerpt):

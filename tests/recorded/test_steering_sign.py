@@ -8,7 +8,7 @@ import pytest
 from dart_hal.core.errors import OtherCar
 from dart_hal.recording.check import check
 from dart_hal.recording.dart import read, with_marker_frames
-from dart_hal.recording.dart.steering_sign import follow
+from dart_hal.recording.dart.steering_sign import correlate_steering
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.diagnosis.inputs import check_inputs
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
@@ -24,8 +24,8 @@ def test_reversed_steering_is_cautioned_in_every_schema(tmp_path, schema):
     table["steering"] = -table["steering"]
     wrong = read(write_table(table, tmp_path / "wrong.csv"))
     assert right.schema == wrong.schema == schema
-    assert follow(right) > 0.6
-    assert follow(wrong) < -0.6
+    assert correlate_steering(right) > 0.6
+    assert correlate_steering(wrong) < -0.6
     assert not any(n.kind == "steering_reversed" for n in right.notes), "negative control"
     note = next(n for n in wrong.notes if n.kind == "steering_reversed")
     assert "turn the column over" in note.why

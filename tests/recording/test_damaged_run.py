@@ -14,7 +14,13 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from dart_hal.recording import mcap_records
-from dart_hal.recording.mcap_records import MCAP_MAGIC, PREFIX, McapFile, parse_mcap, records
+from dart_hal.recording.mcap_records import (
+    MCAP_MAGIC,
+    PREFIX,
+    McapFile,
+    iterate_records,
+    parse_mcap,
+)
 from dart_hal.recording.run import RunReader
 
 
@@ -36,7 +42,7 @@ def write_without_chunks(run_bytes):
     """The same as a tool that knows no chunks would write it: nothing has a checksum."""
     out = bytearray(MCAP_MAGIC)
     for block in parse_mcap("run", run_bytes).blocks[1:]:  # the first repeats the channels
-        for opcode, start, end in records(block):
+        for opcode, start, end in iterate_records(block):
             if opcode != Opcode.ATTACHMENT:
                 out += block[start - PREFIX.size:end]
     return bytes(out)
@@ -49,7 +55,7 @@ def messages(found: McapFile) -> list[mcap_records.McapMessage]:
 def chunks(data: bytes) -> list[tuple[int, int]]:
     """(start, end) of every chunk record of a whole file."""
     return [(s - PREFIX.size, e) for opcode, s, e in
-            ((o, s + len(MCAP_MAGIC), e + len(MCAP_MAGIC)) for o, s, e in records(
+            ((o, s + len(MCAP_MAGIC), e + len(MCAP_MAGIC)) for o, s, e in iterate_records(
                 data[len(MCAP_MAGIC):-len(MCAP_MAGIC)])) if opcode == Opcode.CHUNK]
 
 
@@ -129,7 +135,7 @@ def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
         assert is_part(messages(found), messages(whole))
         assert found.complete
         assert found.damages
-        assert all(d.at <= offset + size or not d.skipped for d in found.damages)
+        assert all(d.offset <= offset + size or not d.skipped for d in found.damages)
 
 
 def test_the_notice_states_damage_and_not_that_the_end_is_missing(run_bytes, tmp_path):

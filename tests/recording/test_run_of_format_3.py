@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.types import Applied
-from dart_hal.recording.run import Command, RunReader
+from dart_hal.recording.run import RecordedCommand, RunReader
 
 PACKED = Path(__file__).parent / "fixtures" / "v3" / "run.mcap.gz"
 
@@ -32,7 +32,7 @@ def test_commands_and_pulses_read_to_the_last_bit(run_of_format_3):
     commands = list(run.commands())
     applied = list(run.applied())
     assert (len(commands), len(applied)) == (60, 134)
-    assert commands[-1] == Command(3.1403621722071096, 0.003548139349253619, 0.3, "user")
+    assert commands[-1] == RecordedCommand(3.1403621722071096, 0.003548139349253619, 0.3, "user")
     assert applied[-1].t == 3.130367816357994
     assert applied[-1].applied == Applied(
         0.017130813203654983, 0.2997035188278591, 1504.2707321300559, 1634.8665834725366,

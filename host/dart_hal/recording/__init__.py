@@ -1,4 +1,4 @@
-"""Runs on disk: MCAP with the raw bytes inside, CSV, and the DART recordings."""
+"""Recordings: MCAP runs with the raw bytes, CSV tables, and the DART recordings."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from dart_hal.core.errors import RecordingError
 
 
 def open_writer(path: Path | str, **about: Any) -> Any:
-    """A writer by suffix: ``.mcap``, ``.dart.csv`` (ten columns) or ``.csv``.
+    """Return a writer by suffix: ``.mcap``, ``.dart.csv`` (ten columns) or ``.csv``.
 
-    ``about``: what ``run.RunWriter`` takes (url, car, files, versions, start);
-    tables have no place for it. Raises RecordingError for another suffix.
+    about: arguments of ``run.RunWriter`` (url, car, files, versions, start); tables ignore them.
+    Raises RecordingError for another suffix.
     """
     path = Path(path)
     if path.suffix == ".mcap":
@@ -31,5 +31,5 @@ def open_writer(path: Path | str, **about: Any) -> Any:
 
 
 def __getattr__(name: str) -> Any:
-    """Names that were here in version 0.1."""
+    """Return a name that was here in version 0.1."""
     return load_moved_name(__name__, name)

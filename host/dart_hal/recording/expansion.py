@@ -1,7 +1,7 @@
-"""How far a compressed input may expand.
+"""Limit of the expansion of compressed input.
 
 A few kilobytes of zeros expand to gigabytes. So every compressed input is read up to a limit that
-follows from its own length, and is refused beyond it.
+follows from its length, and is refused above it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ExpandsTooFar(ValueError):
 
 
 def refusal(path: str, found: str) -> RecordingError:
-    """The error for a recording that expands too far."""
+    """Return the error for a recording that expands too far."""
     return RecordingError(f"{path}: the file expands too far", found=found, read=path,
                           expected=f"at most {MAX_RATIO} bytes for each byte of the file",
                           likely="a file that was made to fill the memory, or a damaged one",
@@ -38,12 +38,12 @@ def refusal(path: str, found: str) -> RecordingError:
 
 
 def expansion_limit(packed: int) -> int:
-    """Bytes that an input of ``packed`` bytes may expand to."""
+    """Return the bytes that an input of ``packed`` bytes may expand to."""
     return max(ALWAYS_ALLOWED, MAX_RATIO * packed)
 
 
 def expand_gzip(packed: bytes, limit: int | None = None) -> bytes:
-    """Content of a gzip file; limit: bytes that it may have, None: those of ``expansion_limit``.
+    """Expand a gzip file; limit [bytes] of its content, None: ``expansion_limit``.
 
     Raises ExpandsTooFar, EOFError, gzip.BadGzipFile, zlib.error.
     """
@@ -56,10 +56,9 @@ def expand_gzip(packed: bytes, limit: int | None = None) -> bytes:
 
 
 def expand_chunk(compression: str, packed: bytes, size: int, limit: int) -> bytes:
-    """Content of a chunk of an MCAP file, which states that it has ``size`` bytes.
+    """Expand a chunk of an MCAP file, which states ``size`` bytes; limit [bytes].
 
-    limit: bytes that it may have. Raises ExpandsTooFar, ValueError for another compression, and
-    what the decoders raise.
+    Raises ExpandsTooFar, ValueError for another compression, and the errors of the decompressors.
     """
     if not compression:
         return packed
@@ -86,8 +85,8 @@ class LimitedStream(io.RawIOBase):
         return True
 
     def read(self, size: int = -1) -> bytes:
-        wanted = self._rest + 1 if size is None or size < 0 else min(size, self._rest + 1)
-        data = self._stream.read(wanted)
+        requested = self._rest + 1 if size is None or size < 0 else min(size, self._rest + 1)
+        data = self._stream.read(requested)
         self._rest -= len(data)
         if self._rest < 0:
             raise ExpandsTooFar(self._packed, expansion_limit(self._packed))

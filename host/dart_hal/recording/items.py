@@ -1,4 +1,4 @@
-"""What a run holds beside bytes, each with its time."""
+"""Items of a run other than raw bytes, each with its time."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dart_hal.core.types import Applied
 from dart_hal.recording.log import Value
 
 
-class Command(NamedTuple):
-    """What a source asked for: t [s], steering [rad], throttle [-1..1]."""
+class RecordedCommand(NamedTuple):
+    """A command as a source requested it: t [s], steering [rad], throttle [-1..1]."""
 
     t: float
     steering: float
@@ -27,7 +27,7 @@ class I2c(NamedTuple):
 
 
 class Logged(NamedTuple):
-    """What the program logged at t [s] under a name: a number, or an array of its shape."""
+    """A value that the program logged at t [s] under a name: a number or an array."""
 
     t: float
     name: str
@@ -35,7 +35,7 @@ class Logged(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """A message as other tools see it: ns since 1970, its type, its bytes in CDR."""
+    """A message for other tools: ns since 1970, its type, its bytes in CDR."""
 
     topic: str
     kind: str
@@ -44,7 +44,7 @@ class Recorded(NamedTuple):
 
 
 class AppliedAt(NamedTuple):
-    """What the pins carry from t [s] on."""
+    """The pulses at the pins from t [s] on."""
 
     t: float
     applied: Applied

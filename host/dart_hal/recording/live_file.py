@@ -1,4 +1,4 @@
-"""Messages as a recording would get them, of a car that is not recorded."""
+"""Messages of a car that is not recorded, as a recording would get them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dart_hal.recording.run_file import RunFile
 
 
 class LiveFile(RunFile):
-    """No file: messages go to ``taps`` and are forgotten. Its one car has no prefix."""
+    """Passes messages to ``taps`` and writes no file. Its one car has no prefix."""
 
     def __init__(self) -> None:
         self.path = Path("live")
@@ -23,16 +23,16 @@ class LiveFile(RunFile):
         return 0
 
     def attach(self, name: str, kind: str, text: str, ns: int) -> None:
-        """Not told live."""
+        """Do nothing: a live stream has no attachments."""
 
     def flush(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no data are buffered."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
     def _register(self, topic: str, kind: str, zero_ns: int) -> int:
         return len(self.channels) + 1
 
     def _write(self, channel: int, ns: int, rest: int, data: bytes) -> None:
-        """Nowhere."""
+        """Do nothing: no file is written."""

@@ -1,4 +1,4 @@
-"""Numbers of a program's own, as channels of a recording: what a name and a value may be."""
+"""Values that a program logs: valid names and values of their channels in a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from dart_hal.core.errors import LogError
 from dart_hal.core.types import FloatArray
 
-# Of the topics, so that no name of a user can be that of a channel of ours.
+# Start of the topics, so that a name of a user is never that of another channel.
 PREFIX = "/log/"
 Value: TypeAlias = "float | FloatArray"
 
@@ -19,17 +19,17 @@ _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)  # what ROS 2 allows
 
 
 class LogNames:
-    """Names that a program has logged, each with what it holds: a number or an array."""
+    """Names that a program has logged, each with its kind: number or array."""
 
     def __init__(self) -> None:
         self._arrays: dict[str, bool] = {}
 
     def take(self, name: str, value: object) -> dict[str, Value]:
-        """``value`` as channels: a number, an array, or of a dict one channel ``name/key`` each.
+        """Convert ``value`` into channels: a number, an array, or one ``name/key`` per dict entry.
 
-        NaN and inf are values, True is 1. Raises LogError, and then keeps nothing.
+        NaN and inf are values, True is 1. Raises LogError and then stores no name.
         """
-        found = dict(_flat(name, value))
+        found = dict(_flatten(name, value))
         for channel, numbers in found.items():
             is_array = isinstance(numbers, np.ndarray)
             if self._arrays.get(channel, is_array) != is_array:
@@ -40,21 +40,21 @@ class LogNames:
         return found
 
 
-def _flat(name: object, value: object) -> Iterator[tuple[str, Value]]:
+def _flatten(name: object, value: object) -> Iterator[tuple[str, Value]]:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise LogError(f"{name!r} is no name of a channel", found=repr(name)[:80],
                        expected="letters, digits and _, parts joined by /: mpc/cost")
     if isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from _flat(f"{name}/{key}" if isinstance(key, str) else key, inner)
+            yield from _flatten(f"{name}/{key}" if isinstance(key, str) else key, inner)
     else:
-        yield name, _numbers(name, value)
+        yield name, _to_numbers(name, value)
 
 
-def _numbers(name: str, value: object) -> Value:
+def _to_numbers(name: str, value: object) -> Value:
     if isinstance(value, np.ma.MaskedArray):
         raise LogError(f"{name!r} is a masked array", found=repr(value)[:80],
-                       expected="numbers; value.filled(nan) says which are none")
+                       expected="numbers; value.filled(nan) marks missing ones")
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, RuntimeError) as error:

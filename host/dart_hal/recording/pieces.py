@@ -1,4 +1,4 @@
-"""A file that grows by whole pieces: what a full disk does not take is not there in half."""
+"""A file that grows by complete pieces: a full disk leaves no partial piece."""
 
 from __future__ import annotations
 
@@ -10,27 +10,28 @@ from dart_hal.core.process.forks import private
 
 
 class PieceWriter:
-    """A stream as ``mcap.writer`` wants one: what is written is held until ``flush``.
+    """A stream for ``mcap.writer`` that buffers all data until ``flush``.
 
-    A flush is one piece. The first that fails is cut off again, and nothing is
-    written any more: ``trouble`` says why. Raises OSError only where it is made.
+    A flush writes one piece. If it fails, the piece is cut off again and no more data are written;
+    ``trouble`` is the reason. Only the constructor raises OSError.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = private(path.open("wb", buffering=0))
-        self._held = bytearray()
+        self._buffer = bytearray()
         self._end = 0
         self.trouble: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        self._held += data
+        self._buffer += data
         return len(data)
 
     def tell(self) -> int:
-        return self._end + len(self._held)
+        return self._end + len(self._buffer)
 
     def flush(self) -> None:
-        piece, self._held = self._held, bytearray()
+        piece = self._buffer
+        self._buffer = bytearray()
         if self.trouble is not None:
             return
         try:
@@ -39,13 +40,13 @@ class PieceWriter:
                 rest = rest[self._file.write(rest):]
         except OSError as why:
             self.trouble = why
-            with suppress(OSError):  # a device has no end to be moved
+            with suppress(OSError):  # a device cannot be truncated
                 os.ftruncate(self._file.fileno(), self._end)
             return
         self._end += len(piece)
 
     def close(self) -> None:
-        """What is held is written; idempotent."""
+        """Write the buffer and close the file; idempotent."""
         if not self._file.closed:
             self.flush()
             self._file.close()

@@ -1,4 +1,4 @@
-"""What may be read to its end: a file, not a pipe that waits for its writer or a device."""
+"""Check that a path is a regular file: a pipe waits for its writer, a device has no end."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dart_hal.core.errors import RecordingError
 
 
 def check_regular(path: Path) -> None:
-    """Raise RecordingError for what is there and is neither file nor folder."""
+    """Raise RecordingError for a path that exists and is neither file nor folder."""
     if path.exists() and not path.is_file() and not path.is_dir():
         raise RecordingError(f"{path}: is no file", found="a pipe, a socket or a device",
                              expected="a recording: a file that has an end", read=str(path),

@@ -1,4 +1,4 @@
-"""Writes the index of a run that was not closed, so that every tool opens it."""
+"""Write the index of a run that was not closed, so that every tool opens it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.recording.mcap_records import MESSAGE, PREFIX, McapFile, content, read_mcap, records
-from dart_hal.recording.run_file import mcap_writer
+from dart_hal.recording.mcap_records import (
+    MESSAGE,
+    PREFIX,
+    McapFile,
+    iterate_records,
+    parse_record,
+    read_mcap,
+)
+from dart_hal.recording.run_file import make_mcap_writer
 
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """What was done: ``messages`` kept, bytes left out, where the old file is (None: no need)."""
+    """Result of a repair: messages kept, bytes left out, the old file (None: not repaired)."""
 
     path: Path
     messages: int
@@ -26,10 +33,10 @@ class Repaired:
 
 
 def repair(path: Path | str) -> Repaired:
-    """Write a run anew from all that is whole in it; the old file is kept as ``NAME.old``.
+    """Write a new file with all complete records of a run; keep the old one as ``NAME.old``.
 
-    A whole file stays as it is. A run of version 0.1 gets chunks. Raises
-    RecordingError when it is no MCAP file, or NAME.old is in the way.
+    A complete file is not changed. A run of version 0.1 gets chunks. Raises RecordingError if it
+    is no MCAP file, or NAME.old exists.
     """
     path = Path(path)
     found = read_mcap(path)
@@ -38,12 +45,12 @@ def repair(path: Path | str) -> Repaired:
         return Repaired(path, found.count, 0, None)
     old = path.with_name(path.name + ".old")
     if old.exists():
-        raise RecordingError(f"{path}: an older repair is not put away", found=str(old),
+        raise RecordingError(f"{path}: the old file of an earlier repair exists", found=str(old),
                              read=str(path), expected="no such file", remedy=f"move {old} away")
     part = path.with_name(f".{path.name}.part")
     try:
         with part.open("wb") as file:
-            writer = mcap_writer(file)
+            writer = make_mcap_writer(file)
             copy(found, writer)
             writer.finish()  # type: ignore[no-untyped-call]
             file.flush()
@@ -56,18 +63,21 @@ def repair(path: Path | str) -> Repaired:
 
 
 def copy(found: McapFile, writer: Writer) -> None:
-    """Every whole record into ``writer``, a chunk for a chunk."""
+    """Copy every complete record into ``writer``, one chunk for each chunk.
+
+    Schemas and channels get new numbers.
+    """
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
     for block in found.blocks:
-        for opcode, start, end in records(block):
+        for opcode, start, end in iterate_records(block):
             body = block[start:end]
             if opcode == Opcode.SCHEMA:
-                s = content(Schema, body)
+                s = parse_record(Schema, body)
                 if s.id not in schemas:
                     schemas[s.id] = writer.register_schema(s.name, s.encoding, s.data)
             elif opcode == Opcode.CHANNEL:
-                c = content(Channel, body)
+                c = parse_record(Channel, body)
                 if c.id not in channels:
                     channels[c.id] = writer.register_channel(
                         c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
@@ -77,10 +87,10 @@ def copy(found: McapFile, writer: Writer) -> None:
                     writer.add_message(channels[channel], logged, body[MESSAGE.size:],
                                        published, sequence)
             elif opcode == Opcode.METADATA:
-                noted = content(Metadata, body)
-                writer.add_metadata(noted.name, noted.metadata)
+                facts = parse_record(Metadata, body)
+                writer.add_metadata(facts.name, facts.metadata)
             elif opcode == Opcode.ATTACHMENT:
-                a = content(Attachment, body)
+                a = parse_record(Attachment, body)
                 writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
-        if len(block) > end - start + PREFIX.size:  # of several records: what was a chunk is one
+        if len(block) > end - start + PREFIX.size:  # a block of several records was a chunk
             writer.flush()  # type: ignore[no-untyped-call]

@@ -1,13 +1,17 @@
-"""A run: everything that passed between host and car, in one MCAP file.
+"""A run: all data between host and car, in one MCAP file.
 
-Raw channels ``/rx``, ``/tx`` and ``/i2c`` hold the bytes with their stamps,
-``/command`` what was asked for, ``/applied`` what the pins carried, ``/log/...``
-what the program logged, ``/external_pose`` the poses that came from outside,
-``/scan`` the lidar's revolutions and ``/camera/image/compressed`` the camera's images,
-if any; attachments hold who the car was (HELLO), its files, the URL and the versions.
-Messages are in chunks, and chunks and attachments have checksums. All times are host
-times of the backend's clock in s, >= 0. Stamps in the file count from 1970; of virtual
-time from 0, and no random number enters: the same run gives the same bytes.
+Channels:
+
+- ``/rx``, ``/tx`` and ``/i2c``: raw bytes with their stamps;
+- ``/command``: requested commands; ``/applied``: pulses at the pins;
+- ``/log/...``: values that the program logged;
+- ``/external_pose``: poses of a motion capture or another external source, if any;
+- ``/scan``: revolutions of a lidar, ``/camera/image/compressed``: images of a camera, if any.
+
+Attachments have the identity of the car (HELLO), its files, the URL and the versions. Messages are
+in chunks; chunks and attachments have checksums. All times are host times of the backend's clock in
+s, >= 0. Stamps in the file count from 1970, those of virtual time from 0. Virtual time has no
+random number, so the same run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -28,10 +32,10 @@ from dart_hal.core.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.expansion import refusal
 from dart_hal.recording.items import AppliedAt as AppliedAt
-from dart_hal.recording.items import Command as Command
 from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.items import Recorded as Recorded
+from dart_hal.recording.items import RecordedCommand as RecordedCommand
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import (
     IMPORT_NOTE,
@@ -44,8 +48,10 @@ from dart_hal.recording.mcap_records import (
 from dart_hal.recording.run_file import RunFile, prefix_topic, select_car, split_car
 from dart_hal.wire.messages import PROTO, SCHEMA
 
+# Message types.
 _RAW = "std_msgs/msg/UInt8MultiArray"
 _TEXT = "std_msgs/msg/String"
+# Channels of every run; those below are created with their first message.
 _CHANNELS = (
     ("/rx", _RAW), ("/tx", _RAW), ("/i2c", _RAW),
     ("/command", "dart_msgs/msg/Command"), ("/applied", "dart_msgs/msg/Applied"),
@@ -57,17 +63,17 @@ _NUMBERS = "std_msgs/msg/Float64MultiArray"
 _POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _SCANS = ("/scan", "dart_msgs/msg/LidarScan")
 _IMAGES = ("/camera/image/compressed", "sensor_msgs/msg/CompressedImage")
-_I2C = Struct("<BHH")
+_I2C = Struct("<BHH")  # address, bytes written, bytes read
 
 
 class RunWriter:
     """Writes a run; a context manager. Methods may be called in any order, by any thread.
 
-    path: a file of its own, or one that several cars write. url, car: what was opened; files:
-    texts of the car's files by name; versions: of the library and what else matters; start [s]:
-    the clock when the backend was opened; now [s]: what it shows, of which follows when it was 0;
-    None: virtual time.
-    Raises OSError where nothing can be written; ``trouble``: why nothing is any more.
+    path: a new file, or the file of several cars. url, car: of the opened backend. files: texts of
+    the car's files by name. versions: of the library and other packages. start [s]: the clock when
+    the backend was opened. now [s]: the present clock, which gives its zero since 1970; None:
+    virtual time. Raises OSError if the file cannot be written; ``trouble`` is the reason for which
+    writing ended later.
     """
 
     def __init__(self, path: Path | str | RunFile, *, url: str = "", car: str = "",
@@ -76,7 +82,7 @@ class RunWriter:
         self._file = path if isinstance(path, RunFile) else RunFile(path)
         self._lock = self._file.lock
         self.path = self._file.path
-        self._zero = self._file.zero_of(now)
+        self._zero = self._file.find_clock_zero(now)
         self._prefix = path.enter(car) if isinstance(path, RunFile) else ""
         self._now = stamp.split(start)[0] + self._zero
         for _, kind in _CHANNELS:
@@ -95,37 +101,37 @@ class RunWriter:
 
     @property
     def file(self) -> RunFile:
-        """Where it is written; ``taps`` are hung in there."""
+        """File of the run, with its ``taps``."""
         return self._file
 
     @property
     def trouble(self) -> FileTrouble | None:
-        """Why nothing is written any more, as on a full disk; None while it is."""
+        """Reason for which writing ended, such as a full disk; None while it continues."""
         return self._file.trouble
 
     def rx(self, data: bytes, t: float) -> None:
-        """Bytes from the Nano; t: arrival of the last of them."""
+        """Write bytes from the Nano; t: arrival of the last one."""
         self._add("/rx", cdr.encode_byte_array(data), t)
 
     def tx(self, data: bytes, t: float) -> None:
-        """Bytes to the Nano."""
+        """Write bytes to the Nano."""
         self._add("/tx", cdr.encode_byte_array(data), t)
 
     def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
-        """One transaction on the car's bus."""
+        """Write one transaction on the bus of the car."""
         self._add("/i2c", cdr.encode_byte_array(
             _I2C.pack(address, len(wrote), len(read)) + wrote + read), t)
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
-        """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
+        """Write a requested command, before limits: rad, -1..1. NaN and inf are kept."""
         self._add("/command", cdr.encode_command(steering, throttle, source), t)
 
     def applied(self, t: float, applied: Applied) -> None:
-        """What the pins carry from now on; call it when it changes."""
+        """Write the pulses at the pins from t on; call it when they change."""
         self._add("/applied", cdr.encode_applied(applied), t)
 
     def state(self, state: State) -> None:
-        """The ROS 2 channels of one State: odometry, IMU, drive."""
+        """Write the ROS 2 channels of one State: odometry, IMU, drive."""
         self._add("/odom", cdr.encode_odometry(state, self._zero), state.t)
         imu = cdr.encode_imu(state, self._zero)
         if imu is not None:
@@ -133,9 +139,9 @@ class RunWriter:
         self._add("/drive", cdr.encode_drive(state, self._zero), state.t)
 
     def log(self, t: float, channels: Mapping[str, Value]) -> None:
-        """Numbers and arrays of the program's own by name (``log.LogNames.take``).
+        """Write numbers and arrays that the program logs, by name (``log.LogNames.take``).
 
-        A channel comes into being with its first value. A closed run takes nothing.
+        A channel is created with its first value. A closed run ignores the call.
         """
         with self._lock:
             if self._closed:
@@ -146,29 +152,29 @@ class RunWriter:
                 self._add_to(PREFIX + name, kind, data, t)
 
     def pose(self, pose: ExternalPose) -> None:
-        """A pose from outside, at its arrival; a run without any has no channel for them."""
+        """Write an external pose at its arrival; a run without any has no channel for it."""
         with self._lock:
             if not self._closed:
                 self._add_to(*_POSES, cdr.encode_external_pose(pose), pose.arrival)
 
     def scan(self, scan: Scan) -> None:
-        """A revolution of the lidar, at its arrival; a run without a lidar has no channel."""
+        """Write a revolution of the lidar at its arrival; a run without one has no channel."""
         with self._lock:
             if not self._closed:
                 self._add_to(*_SCANS, cdr.encode_scan(scan), scan.arrival)
 
     def image(self, image: Image) -> None:
-        """A picture of the camera, at its arrival; a run without a camera has no channel."""
+        """Write an image of the camera at its arrival; a run without one has no channel."""
         with self._lock:
             if not self._closed:
                 self._add_to(*_IMAGES, cdr.encode_image(image, self._zero), image.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
-        """Who answered: the raw values of HELLO by name."""
+        """Write the identity of the Nano: the raw values of HELLO by name."""
         self.note("hello", {"values": json.dumps(values, sort_keys=True)})
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Facts about the run; the newest of a name counts."""
+        """Write facts about the run; the newest of a name is valid."""
         self._attach(name, JSON, json.dumps(dict(values)))
 
     def _channel(self, topic: str, kind: str) -> int:
@@ -179,7 +185,7 @@ class RunWriter:
         self._file.attach(self._prefix + name, kind, text, self._now)
 
     def _add_to(self, topic: str, kind: str, data: bytes, t: float) -> None:
-        """To a channel that comes into being with its first message; the lock is held."""
+        """Write to a channel that its first message creates. The caller has the lock."""
         if topic not in self._channels:
             self._channels[topic] = self._channel(topic, kind)
         self._add(topic, data, t)
@@ -191,7 +197,7 @@ class RunWriter:
             self._file.add(self._channels[topic], self._now, rest, data)
 
     def close(self) -> None:
-        """Write the index, of a file of several cars the last one; idempotent."""
+        """Leave the file; the last run of a file writes the index. Idempotent."""
         with self._lock:
             if not self._closed:
                 self._closed = True
@@ -206,14 +212,11 @@ class RunWriter:
 
 
 class RunReader:
-    """Reads a run; of a file of several cars that of one: ``fleet.mcap?car=red``.
+    """Reads a run, of a file of several cars that of one: ``fleet.mcap?car=red``.
 
-    Raises RecordingError naming the file.
-
-    meta: the facts "run" (url, car, start, schema, versions); files: texts
-    of the car's files; complete: False when the end is missing; damaged: True
-    when something before the end was skipped; notices: sentences that the user
-    must see.
+    meta: the facts "run" (url, car, start, schema, versions). files: texts of the car's files.
+    complete: False if the end is missing. damaged: True if bytes before the end were skipped.
+    notices: messages for the user. Raises RecordingError with the name of the file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -221,19 +224,22 @@ class RunReader:
         self._mcap = found = select_car(read_mcap(self.path), car)
         self.damaged = bool(found.damages)
         if "/rx" not in found.topics.values():
-            self._refuse(found)
+            self._raise_refusal(found)
         self.complete = found.complete
         self.meta = found.metadata.get("run", {})
         self.files = found.metadata.get("files", {})
         self.notices: tuple[str, ...] = notices(found)
 
-    def _refuse(self, found: McapFile) -> None:
-        """No channel of the Nano's bytes: another kind of file, a damaged or an empty one."""
+    def _raise_refusal(self, found: McapFile) -> None:
+        """Raise RecordingError for another kind of file, a damaged or an oversized one.
+
+        A run that was killed at once has no channels: it is read as empty.
+        """
         if found.oversized:
             raise refusal(str(self.path), f"a chunk: {found.oversized}")
         if self.damaged:
             raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),
-                                 found=f"no channel /rx, damaged at byte {found.damages[0].at}",
+                                 found=f"no channel /rx, damaged at byte {found.damages[0].offset}",
                                  likely="the file was changed or copied badly")
         if IMPORT_NOTE in found.metadata:
             raise RecordingError(f"{self.path}: is an imported recording, which has no bytes of a "
@@ -254,7 +260,7 @@ class RunReader:
         return card(f"Run {self.path}", self._rows())
 
     def _rows(self) -> Iterator[tuple[str, str]]:
-        """What a person looks for first."""
+        """Yield the entries of the summary: car, time, completeness, files, messages."""
         counts, first, last = self._mcap.extent()
         yield "car", f"{self.meta.get('car', 'unknown')} at {self.meta.get('url', 'unknown')}"
         if self.zero_ns:
@@ -267,7 +273,7 @@ class RunReader:
 
     @property
     def zero_ns(self) -> int:
-        """ns since 1970 when the car's clock was 0; 0 of virtual time, and until format 4."""
+        """Zero of the car's clock [ns since 1970]; 0 for virtual time, and until format 4."""
         return max((self._mcap.zeros.get(n, 0) for n in self._mcap.topics), default=0)
 
     @property
@@ -281,12 +287,12 @@ class RunReader:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """All that was noted, by name."""
+        """All facts by name."""
         return self._mcap.metadata
 
     @property
     def hello(self) -> dict[str, Any] | None:
-        """Raw values of HELLO by name, None if it was not noted."""
+        """Raw values of HELLO by name, None if it was not recorded."""
         found = self._mcap.metadata.get("hello")
         if found is None:
             return None
@@ -298,59 +304,60 @@ class RunReader:
         return values
 
     def chunks(self) -> Iterator[Chunk]:
-        """Bytes from the Nano in recorded order."""
+        """Return the bytes from the Nano in recorded order."""
         return (item for item in self.replay() if isinstance(item, Chunk))
 
     def sent(self) -> Iterator[Chunk]:
-        """Bytes to the Nano in recorded order."""
+        """Return the bytes to the Nano in recorded order."""
         return self._decode({"/tx": _decode_chunk})
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
-        """What a replay needs, in recorded order: bytes received, pulses applied."""
+        """Return the input of a replay in recorded order: received bytes and applied pulses."""
         applied = _decode_applied_text if self._is_text("/applied") else _decode_applied
         return self._decode({"/rx": _decode_chunk, "/applied": applied})
 
     def applied(self) -> Iterator[AppliedAt]:
-        """What the pins carried, at each change."""
+        """Return the pulses at the pins, at each change."""
         return (item for item in self.replay() if isinstance(item, AppliedAt))
 
-    def commands(self) -> Iterator[Command]:
-        """What was asked for, in recorded order."""
+    def commands(self) -> Iterator[RecordedCommand]:
+        """Return the requested commands in recorded order."""
         return self._decode({"/command": _decode_command_text if self._is_text("/command")
                               else _decode_command})
 
     def _is_text(self, topic: str) -> bool:
-        """Commands and pulses were JSON until format 3."""
+        """Return whether a topic has JSON texts, as commands and pulses had until format 3."""
         return self._mcap.types.get(topic) == _TEXT
 
     def logged(self) -> Iterator[Logged]:
-        """What the program logged, in recorded order."""
-        def maker(topic: str, kind: str) -> Callable[[float, bytes], Logged]:
+        """Return the values that the program logged, in recorded order."""
+        def make_decoder(topic: str, kind: str) -> Callable[[float, bytes], Logged]:
             name = topic.removeprefix(PREFIX)
             read = _READERS[kind]
             return lambda t, data: Logged(t, name, read(data))
 
-        return self._decode({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
-                              if topic.startswith(PREFIX) and kind in _READERS})
+        return self._decode({topic: make_decoder(topic, kind)
+                             for topic, kind in self._mcap.types.items()
+                             if topic.startswith(PREFIX) and kind in _READERS})
 
     def i2c(self) -> Iterator[I2c]:
-        """Transactions of the bus, in recorded order."""
+        """Return the transactions of the bus in recorded order."""
         return self._decode({"/i2c": _decode_transaction})
 
     def poses(self) -> Iterator[ExternalPose]:
-        """Poses from outside, in order of arrival."""
+        """Return the external poses in order of arrival."""
         return self._decode({_POSES[0]: lambda t, data: cdr.decode_external_pose(data, t)})
 
     def scans(self) -> Iterator[Scan]:
-        """Revolutions of the lidar as the unit told them, in order of arrival."""
+        """Return the revolutions of the lidar, as received, in order of arrival."""
         return self._decode({_SCANS[0]: lambda t, data: cdr.decode_scan(data, t)})
 
     def images(self) -> Iterator[Image]:
-        """Pictures of the camera, in order of arrival."""
+        """Return the images of the camera in order of arrival."""
         return self._decode({_IMAGES[0]: lambda t, data: cdr.decode_image(data, t, self.zero_ns)})
 
     def messages(self) -> list[Recorded]:
-        """Every message of a known definition, in the order of time."""
+        """Return all messages with a known definition, in order of time."""
         zero = self.zero_ns
         types = self._mcap.types
         return sorted((Recorded(m.topic, types[m.topic], m.ns + zero, m.data)
@@ -359,14 +366,14 @@ class RunReader:
 
     @property
     def definitions(self) -> dict[str, str]:
-        """Texts of the message types by name, with all that they are made of."""
+        """Definitions of the message types by name, each with its parts."""
         return self._mcap.definitions
 
-    def _decode(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
-        """Messages of some topics as values, in file order."""
-        for m in self._mcap.messages(makers):
+    def _decode(self, decoders: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
+        """Yield the messages of some topics as values, in file order."""
+        for m in self._mcap.messages(decoders):
             try:
-                yield makers[m.topic](stamp.join(m.ns, m.rest), m.data)
+                yield decoders[m.topic](stamp.join(m.ns, m.rest), m.data)
             except (StructError, ValueError, LookupError, TypeError, OverflowError,
                     RecursionError) as why:
                 raise RecordingError(f"{self.path}: a message of {m.topic} is damaged",
@@ -381,13 +388,13 @@ def _decode_chunk(t: float, data: bytes) -> Chunk:
     return Chunk(cdr.decode_byte_array(data), t)
 
 
-def _decode_command(t: float, data: bytes) -> Command:
-    return Command(t, *cdr.decode_command(data))
+def _decode_command(t: float, data: bytes) -> RecordedCommand:
+    return RecordedCommand(t, *cdr.decode_command(data))
 
 
-def _decode_command_text(t: float, data: bytes) -> Command:
+def _decode_command_text(t: float, data: bytes) -> RecordedCommand:
     v = json.loads(cdr.decode_string(data))
-    return Command(t, v["steering"], v["throttle"], v["source"])
+    return RecordedCommand(t, v["steering"], v["throttle"], v["source"])
 
 
 def _decode_transaction(t: float, data: bytes) -> I2c:

@@ -1,12 +1,13 @@
-"""The MCAP file below a run, or below the runs of several cars on one time base.
+"""The MCAP file of a run, or of the runs of several cars on one time base.
 
-Stamps count from 1970. Each channel notes as ``zero_ns`` when the clock of its car was 0, in whole
-ns, so that a replay sees the very stamps of the run; it stands in the first chunk and again in the
-index. Virtual time knows no calendar: its zero is 1970, and the same run gives the same bytes.
+Stamps count from 1970. The metadata of each channel have the zero of its car's clock, ``zero_ns``
+in whole ns, so that a replay has exactly the stamps of the run. They are in the first chunk and
+again in the index. Virtual time has no calendar: its zero is 1970, and the same run gives the same
+bytes.
 
-In a file of several cars the channels and attachments of each begin with its name:
+In a file of several cars the channels and attachments of each car begin with its name:
 ``/red/rx``, ``/red/odom``; the attachment ``fleet`` lists the cars. Letters that ROS does not
-have in topics become _.
+allow in topics become _.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ from dart_hal.recording.schemas import definition
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
-# Fixed: a version of a library here would change the bytes of a run.
+# Name of the writer in a file. It is constant: a version would change the bytes of a run.
 LIBRARY = "dart-hal recording 5"
-# s of recording time in a chunk: a kill loses at most that.
+# Recording time in a chunk [s]: a killed program loses at most that.
 CHUNK_TIME = 0.05
 # Name of the attachment that lists the cars of a file.
 CARS_ATTACHMENT = "fleet"
 
-# Hears every message as it comes: channel, ns since 1970, bytes. It may not wait.
+# Receiver of every message as it is written: channel, ns since 1970, bytes. It must not wait.
 Tap = Callable[[int, int, bytes], None]
 
 log = logging.getLogger("dart_hal")
 
 
-def mcap_writer(file: Any) -> Writer:
-    """mcap's writer as runs use it: nothing compressed, a checksum on everything."""
+def make_mcap_writer(file: Any) -> Writer:
+    """Return the MCAP writer of a run: without compression, with all checksums."""
     from mcap.writer import CompressionType, Writer
 
     writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
@@ -54,18 +55,18 @@ def mcap_writer(file: Any) -> Writer:
 
 
 class RunFile:
-    """A file that one run writes, or several (``enter``). Closed when the last one leaves.
+    """A file that one run writes, or several (``enter``). It is closed when the last one leaves.
 
-    A disk that fills up ends the recording and not the drive: ``trouble`` and a warning say so,
-    and what stands in the file can be read. Raises OSError where it cannot be made.
-    ``channels``: topic and type by number; ``taps`` hear what is written, on a full disk too.
+    A full disk ends the recording and not the drive: ``trouble`` has the reason, a warning is
+    logged, and the file written so far can be read. Raises OSError if it cannot be created.
+    ``channels``: topic and type by number. ``taps`` receive all messages, also on a full disk.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
         self._file = PieceWriter(self.path)
-        self._writer = mcap_writer(self._file)
+        self._writer = make_mcap_writer(self._file)
         self._begin()
 
     def _begin(self) -> None:
@@ -81,7 +82,7 @@ class RunFile:
         self.taps: list[Tap] = []
 
     def enter(self, name: str) -> str:
-        """A car of a fleet begins its run: what its channels begin with. Raises UsageError."""
+        """Add a car of a fleet; return the prefix of its channels. Raises UsageError."""
         with self.lock:
             number = 1
             unique = name
@@ -96,11 +97,12 @@ class RunFile:
             self.attach(CARS_ATTACHMENT, JSON, json.dumps(self._cars), 0)
             return prefix
 
-    def zero_of(self, now: float | None) -> int:
-        """ns since 1970 when a car's clock was 0; now: what it shows, None of virtual time.
+    def find_clock_zero(self, now: float | None) -> int:
+        """Return the zero of a car's clock [ns since 1970]; now [s]: its present value.
 
-        The first car decides: the calendar is asked once, and a file that begins with virtual
-        time has none. Later cars stay beside the first, should the calendar be set meanwhile.
+        now is None for virtual time, whose zero is 1970. The calendar is read once, for the first
+        car: the offset of later cars from it follows from the monotonic clock, so a calendar that
+        is set meanwhile does not shift them. A file that begins with virtual time has no calendar.
         """
         boot = None if now is None else elapsed_ns() - nanoseconds(now)
         if self._zero is None:
@@ -112,17 +114,17 @@ class RunFile:
         return max(self._zero + boot - self._boot, 0)
 
     def begin(self) -> None:
-        """One run more."""
+        """Count one more run."""
         self._users += 1
 
     def schema(self, kind: str) -> int:
-        """The number of a message type, registered at its first use."""
+        """Return the number of a message type, which is registered at its first use."""
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
         return self._schemas[kind]
 
     def channel(self, topic: str, kind: str, zero_ns: int) -> int:
-        """A new channel of a car whose clock was 0 then."""
+        """Create a channel of a car with this zero of its clock; return its number."""
         number = self._register(topic, kind, zero_ns)
         self.channels[number] = (topic, kind)
         return number
@@ -132,14 +134,14 @@ class RunFile:
                                                  {ZERO: str(zero_ns)}))
 
     def attach(self, name: str, kind: str, text: str, ns: int) -> None:
-        """A file or facts; the lock is held or taken."""
+        """Write a file or facts; the lock is taken."""
         with self.lock:
             if self.trouble is not None:
                 return
             self._writer.add_attachment(ns, ns, name, kind, text.encode())
 
     def add(self, channel: int, ns: int, rest: int, data: bytes) -> None:
-        """A message at ns; the lock is held."""
+        """Write a message at ns and pass it to the taps. The caller has the lock."""
         for tap in self.taps:
             tap(channel, ns, data)
         if self.trouble is None:
@@ -147,29 +149,31 @@ class RunFile:
 
     def _write(self, channel: int, ns: int, rest: int, data: bytes) -> None:
         self._writer.add_message(channel, ns, data, ns, rest)
+        # The absolute value, because stamps of host and car are not exactly in order.
         if self._flushed is None or abs(ns - self._flushed) >= CHUNK_TIME * 1e9:
-            self.flush()  # stamps of host and car are not quite in order
+            self.flush()
             self._flushed = ns
 
     def flush(self) -> None:
-        """End the chunk. The first that the disk does not take is the end of the recording."""
+        """End the chunk. The recording ends with the first chunk that cannot be written."""
         self._writer.flush()  # type: ignore[no-untyped-call]
-        self._look()
+        self._check_trouble()
 
-    def _look(self) -> None:
+    def _check_trouble(self) -> None:
+        """Set ``trouble`` and log a warning after the first error of the disk."""
         why = self._file.trouble
         if why is None or self.trouble is not None:
             return
         self.trouble = FileTrouble(
             f"{self.path}: {why.strerror or why}", read=str(self.path),
             found=f"{type(why).__name__} {why.errno or ''}".strip(),
-            remedy=f"df -h {self.path.parent}, make room; what was recorded until then is there")
+            remedy=f"df -h {self.path.parent}, free some space; what was recorded is in the file")
         if self._users:
             log.warning("%s: %s; the recording ends here, the drive goes on", self.path,
                         why.strerror or why)
 
     def leave(self) -> None:
-        """One run less; the last one writes the index."""
+        """Count one run less; the last one writes the index."""
         with self.lock:
             self._users -= 1
             if self._users <= 0:
@@ -183,30 +187,30 @@ class RunFile:
                 if self.trouble is None:
                     self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.close()
-                self._look()
+                self._check_trouble()
 
 
 def prefix_topic(prefix: str, topic: str) -> str:
-    """The topic of a car whose channels begin with ``prefix``."""
+    """Return the topic of a car whose channels begin with ``prefix``."""
     return f"/{prefix}{topic[1:]}"
 
 
 def split_car(path: Path | str) -> tuple[Path, str | None]:
-    """``fleet.mcap?car=red`` as file and car; the file itself may be called so."""
+    """Split ``fleet.mcap?car=red`` into file and car, unless a file has that name."""
     text, mark, car = str(path).rpartition("?car=")
     return (Path(text), car) if mark and not Path(path).exists() else (Path(path), None)
 
 
 def cars_in(found: McapFile) -> tuple[str, ...]:
-    """Names of the cars of a file of several; () for one of one car."""
+    """Return the names of the cars of a file of several; () for a file of one car."""
     return tuple(found.metadata.get(CARS_ATTACHMENT, ()))
 
 
 def select_car(found: McapFile, car: str | None) -> McapFile:
-    """The part of one car, as if it were a file of its own. Raises RecordingError."""
+    """Return the part of one car, like a file with that car only. Raises RecordingError."""
     cars = found.metadata.get(CARS_ATTACHMENT, {})
     if not cars and car is None:
-        return _part(found, "")
+        return _select_channels(found, "")
     if car not in cars:
         example = f"{found.path}?car={next(iter(cars), 'NAME')}"
         raise RecordingError(
@@ -215,10 +219,10 @@ def select_car(found: McapFile, car: str | None) -> McapFile:
             expected="one of them" if cars else "no ?car=",
             remedy=f"replay://{example}, RunReader('{example}')" if cars else str(found.path))
     try:
-        told = json.loads(cars[car])
-        prefix = str(told["prefix"])
+        entry = json.loads(cars[car])
+        prefix = str(entry["prefix"])
         # Files until format 4 have a shift.
-        shift = int(told.get("shift_ns", 0))
+        shift = int(entry.get("shift_ns", 0))
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as why:
         raise RecordingError(f"{found.path}: the list of its cars is damaged", found=repr(why),
                              read=str(found.path)) from why
@@ -226,12 +230,16 @@ def select_car(found: McapFile, car: str | None) -> McapFile:
              if name.startswith(prefix)}
     files = {name.removeprefix(prefix): text
              for name, text in found.metadata.get("files", {}).items() if name.startswith(prefix)}
-    return replace(_part(found, prefix), zeros=dict.fromkeys(found.topics, shift) | found.zeros,
+    return replace(_select_channels(found, prefix),
+                   zeros=dict.fromkeys(found.topics, shift) | found.zeros,
                    metadata={**facts, "files": files} if files else facts)
 
 
-def _part(found: McapFile, prefix: str) -> McapFile:
-    """Channels that begin with ``prefix``, without it; absolute, which they are since format 5."""
+def _select_channels(found: McapFile, prefix: str) -> McapFile:
+    """Return the channels that begin with ``prefix``, without it.
+
+    Topics are absolute since format 5; those of older files become so.
+    """
     own = {topic: "/" + rest.removeprefix(prefix) for topic in found.types
            if (rest := topic.removeprefix("/")).startswith(prefix)}
     return replace(found, topics={n: own[t] for n, t in found.topics.items() if t in own},

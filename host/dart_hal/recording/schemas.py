@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-_TIME = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n")
-_HEADER = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n")
+_TIME_TYPE = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n")
+_HEADER_TYPE = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n")
 _VECTOR = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n")
 _QUATERNION = ("geometry_msgs/Quaternion",
                "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n")
@@ -14,7 +14,7 @@ _QUATERNION = ("geometry_msgs/Quaternion",
 _LAYOUT = (("std_msgs/MultiArrayLayout",
             "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"),
            ("std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride\n"))
-_POSE = (
+_POSE_TYPES = (
     ("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n"),
     ("geometry_msgs/Pose",
      "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"),
@@ -40,7 +40,7 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "nav_msgs/msg/Odometry": (
         "std_msgs/Header header\nstring child_frame_id\n"
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
-        (_HEADER, _TIME, *_POSE,
+        (_HEADER_TYPE, _TIME_TYPE, *_POSE_TYPES,
          ("geometry_msgs/TwistWithCovariance",
           "geometry_msgs/Twist twist\nfloat64[36] covariance\n"),
          ("geometry_msgs/Twist",
@@ -50,15 +50,15 @@ _PARTS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         "float64[9] orientation_covariance\ngeometry_msgs/Vector3 angular_velocity\n"
         "float64[9] angular_velocity_covariance\ngeometry_msgs/Vector3 linear_acceleration\n"
         "float64[9] linear_acceleration_covariance\n",
-        (_HEADER, _TIME, _QUATERNION, _VECTOR)),
+        (_HEADER_TYPE, _TIME_TYPE, _QUATERNION, _VECTOR)),
     "sensor_msgs/msg/CompressedImage": (
-        "std_msgs/Header header\nstring format\nuint8[] data\n", (_HEADER, _TIME)),
+        "std_msgs/Header header\nstring format\nuint8[] data\n", (_HEADER_TYPE, _TIME_TYPE)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (
         "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
-        (_HEADER, _TIME, *_POSE)),
+        (_HEADER_TYPE, _TIME_TYPE, *_POSE_TYPES)),
     "ackermann_msgs/msg/AckermannDriveStamped": (
         "std_msgs/Header header\nackermann_msgs/AckermannDrive drive\n",
-        (_HEADER, _TIME,
+        (_HEADER_TYPE, _TIME_TYPE,
          ("ackermann_msgs/AckermannDrive",
           "float32 steering_angle\nfloat32 steering_angle_velocity\nfloat32 speed\n"
           "float32 acceleration\nfloat32 jerk\n"))),
@@ -68,6 +68,6 @@ _RULE = "=" * 80
 
 
 def definition(name: str) -> bytes:
-    """Text of a message and of all that it is made of, in rosbag2's ``ros2msg`` form."""
+    """Return the text of a message and of its parts, in the ``ros2msg`` form of rosbag2."""
     text, parts = _PARTS[name]
     return (text + "".join(f"{_RULE}\nMSG: {n}\n{t}" for n, t in parts)).encode()

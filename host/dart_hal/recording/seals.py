@@ -1,8 +1,7 @@
-"""Runs of version 0.1, which had no chunks: blocks with checksums of their own.
+"""Runs of version 0.1, which had no chunks but blocks with their own checksums.
 
-At each flush they have a *seal*: a record of an opcode that MCAP leaves to
-applications, with the length and CRC-32 of the bytes since the seal before, and
-a running number.
+At each flush they have a *seal*: a record of an opcode that MCAP reserves for applications, with
+the length and CRC-32 of the bytes since the last seal, and a running number.
 """
 
 from __future__ import annotations
@@ -16,15 +15,15 @@ _MARK = Struct("<BQ").pack(0x80, 12)
 
 
 class Block(NamedTuple):
-    """Bytes ``start`` to ``end`` (its seal included) are what was written; ``number`` from 0."""
+    """A block of bytes ``start`` to ``end``, its seal included; ``number`` from 0."""
 
     start: int
     end: int
     number: int
 
 
-def sealed_blocks(data: bytes) -> list[Block]:
-    """Every block whose seal holds, in file order; empty for a file without seals."""
+def find_sealed_blocks(data: bytes) -> list[Block]:
+    """Return the blocks with a correct seal, in file order; empty for a file without seals."""
     blocks: list[Block] = []
     last = 0
     at = data.find(_MARK)

@@ -1,7 +1,7 @@
-"""Runs as CSV: our columns (every State, exact), or the ten of the DART recordings.
+"""Runs as CSV: all columns of a State, or the ten columns of the DART recordings.
 
-``run.csv`` holds all of a State in SI units; ``run.dart.csv`` the columns of
-the published DART recordings, so that tools made for those read ours.
+``run.csv`` has all of a State in SI units, exactly; ``run.dart.csv`` the columns of the published
+DART recordings, for tools that read those.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Row = dict[str, Any]
 
 
 class _CsvWriter:
-    """Common part: the recorder's methods, of which only ``state`` writes."""
+    """Common part: the methods of a recorder, of which only ``state`` writes."""
 
     columns: tuple[str, ...] = ()
     newline = "\n"
@@ -44,29 +44,29 @@ class _CsvWriter:
         self._file.write(",".join(self.columns) + self.newline)
 
     def rx(self, data: bytes, t: float) -> None:
-        """Not kept in a table."""
+        """Do nothing: a table has no place for it."""
 
     tx = rx
 
     def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
-        """Not kept in a table."""
+        """Do nothing: a table has no place for it."""
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
-        """Not kept in a table."""
+        """Do nothing: a table has no place for it."""
 
     def applied(self, t: float, applied: object) -> None:
-        """Part of every State."""
+        """Do nothing: it is part of every State."""
 
     def hello(self, values: object) -> None:
-        """Not kept in a table."""
+        """Do nothing: a table has no place for it."""
 
     pose = hello
 
     def note(self, name: str, values: object) -> None:
-        """Not kept in a table."""
+        """Do nothing: a table has no place for it."""
 
-    def _row(self, values: tuple[object, ...]) -> None:
-        self._file.write(",".join(map(_cell, values)) + self.newline)
+    def _write_row(self, values: tuple[object, ...]) -> None:
+        self._file.write(",".join(map(_format_cell, values)) + self.newline)
 
     def close(self) -> None:
         self._file.close()
@@ -85,15 +85,20 @@ class CsvWriter(_CsvWriter):
     columns = CSV_COLUMNS
 
     def state(self, s: State) -> None:
+        """Write the row of a State."""
         a = s.applied
         p = s.pose
-        self._row((s.t, s.seq, s.speed, s.speed_std, s.yaw_rate, s.accel_x, s.accel_y, s.ticks,
-                   p.x, p.y, p.yaw, a.steering, a.throttle, a.steering_us, a.throttle_us,
-                   "|".join(map(str, a.limited)), "|".join(sorted(s.health.flags))))
+        self._write_row((s.t, s.seq, s.speed, s.speed_std, s.yaw_rate, s.accel_x, s.accel_y,
+                         s.ticks, p.x, p.y, p.yaw, a.steering, a.throttle, a.steering_us,
+                         a.throttle_us, "|".join(map(str, a.limited)),
+                         "|".join(sorted(s.health.flags))))
 
 
 def pulse_command(center_us: float = 1500.0, span_us: float = 375.0) -> Callable[[State], float]:
-    """Steering command in [-1, 1] of a State: pulse = center + span * command. 0 without one."""
+    """Return the function from a State to its steering command in [-1, 1], 0 without a pulse.
+
+    It inverts pulse = center + span * command.
+    """
     return lambda state: ((state.applied.steering_us or center_us) - center_us) / span_us
 
 
@@ -113,12 +118,13 @@ class DartCsvWriter(_CsvWriter):
         self._steering_of = steering_of or pulse_command()
 
     def state(self, s: State) -> None:
+        """Write the row of a State."""
         gate = 0.0 if "NOT_ARMED" in map(str, s.applied.limited) else 1.0
-        self._row((s.t, 0.0, 0.0, s.accel_x or 0.0, s.accel_y or 0.0, s.yaw_rate or 0.0,
-                   abs(s.speed), gate, s.applied.throttle, self._steering_of(s)))
+        self._write_row((s.t, 0.0, 0.0, s.accel_x or 0.0, s.accel_y or 0.0, s.yaw_rate or 0.0,
+                         abs(s.speed), gate, s.applied.throttle, self._steering_of(s)))
 
 
-def _cell(value: object) -> str:
+def _format_cell(value: object) -> str:
     if value is None:
         return ""
     return value if isinstance(value, str) else repr(float(value)) if isinstance(
@@ -126,7 +132,7 @@ def _cell(value: object) -> str:
 
 
 def read_csv(path: Path | str) -> list[Row]:
-    """Rows of ``CsvWriter``; a cut-off last row is dropped.
+    """Read the rows of ``CsvWriter``; an incomplete last row is dropped.
 
     Numbers as float or int, empty as None, ``limited`` and ``flags`` as tuples.
     Raises RecordingError naming the file.

@@ -120,7 +120,7 @@ def silent_keyboard(backlog: bool) -> Callable[[Bench], Measured]:
     return measure
 
 
-def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Measured]:
+def page(hold: Callable[[float], messages.DriveRequest | None]) -> Callable[[Bench], Measured]:
     """A live page that sends ``hold(s since the last report of the hand)`` after DRIVES_S."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive()
@@ -133,7 +133,7 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
 
         def each(state: State) -> None:
             age = drive.now - last
-            command = messages.Drive(0.0, 1.0, 0.0) if age < 0.0 else hold(age)
+            command = messages.DriveRequest(0.0, 1.0, 0.0) if age < 0.0 else hold(age)
             if command is not None:
                 command.heard += drive.now - 0.03
                 with suppress(Refused):  # a page that does not care goes on
@@ -146,9 +146,9 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
     return measure
 
 
-def late(age: float) -> messages.Drive:
+def late(age: float) -> messages.DriveRequest:
     """A command that the network has held back since the last report of the hand."""
-    return messages.Drive(0.0, 1.0, -age)
+    return messages.DriveRequest(0.0, 1.0, -age)
 
 
 class Topics:
@@ -208,7 +208,8 @@ ROWS = (
     )),
     Row(53, "live page silent, stick held", "neutral; let go and hold again", (
         case("mock", "hand reports nothing", page(
-            lambda age: messages.Drive(0.0, 1.0, 0.0, age)), 1000.0, MS, "input_age", fast=True),
+            lambda age: messages.DriveRequest(0.0, 1.0, 0.0, age)), 1000.0, MS, "input_age",
+        fast=True),
         case("mock", "tab is frozen", page(lambda age: None), 250.0, MS, "page_hold"),
         case("mock", "commands come late", page(late), 250.0, MS, "page_hold"),
     )),

@@ -1,4 +1,4 @@
-"""What is in a recording, what is wrong with it, and what it is good for. Pure: no printing."""
+"""Check of recordings: content, findings and uses."""
 
 from __future__ import annotations
 

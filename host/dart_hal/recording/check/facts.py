@@ -1,4 +1,4 @@
-"""What is in a recording: figures only, no judgement."""
+"""Figures of a recording, without judgement."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from dart_hal.recording.dart.model import Recording
 from .motion import RecordedMotion, windows
 
 Range = tuple[float, float]
-SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft of DART: 2 pi (11/39) 0.0233 m
-ENCODER_COUNT_TIME = 0.1  # s; the recorder counts edges over this time
-MAX_MARKS_ERROR = 0.015  # relative; a quantum further from a whole number of marks gives none
+# Travel per turn of the drive shaft of DART [m]: 2 pi * gear ratio 11/39 * wheel radius 0.0233 m.
+SHAFT_TURN = 0.0412918
+# Time over which the recorder counts edges [s].
+ENCODER_COUNT_TIME = 0.1
+# Largest relative deviation of a quantum from that of a whole number of marks.
+MAX_MARKS_ERROR = 0.015
 NAME_FORMATS = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
            (re.compile(r"(\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)"), "%Y-%m-%d-%H-%M-%S"),
            (re.compile(r"(\d{8}-\d{6})"), "%Y%m%d-%H%M%S"))
@@ -51,9 +54,9 @@ class RecordingFacts:
 
     date in ISO 8601, date_from "mocap clock (UTC)" or "file name (local time)";
     duration [s] without gaps; rows of the table, messages, their usual step [s];
-    throttle while the gate was open; speed of the drive shaft [m/s]; yaw_rate
-    of the gyro [rad/s]; marks: encoder edges per shaft turn that the quantum
-    stands for, where the car is known; rounded: sensor values have 2 decimals.
+    throttle while the gate was open; speed of the drive shaft [m/s]; yaw_rate of the gyro
+    [rad/s]; marks: encoder edges per shaft turn that
+    the quantum corresponds to, if the car is known; rounded: sensor values have 2 decimals.
     """
 
     date: str | None
@@ -72,7 +75,7 @@ class RecordingFacts:
 
 
 def facts(m: RecordedMotion, false_lock: float = 0.0) -> RecordingFacts:
-    """Figures of a recording; false_lock: share of the time, from the marker grid."""
+    """Compute the figures of a recording; false_lock: share of the time, from the marker grid."""
     recording = m.recording
     messages = recording.messages
     date, source = _date(recording)
@@ -88,7 +91,7 @@ def facts(m: RecordedMotion, false_lock: float = 0.0) -> RecordingFacts:
 
 
 def _shaft_turn(recording: Recording) -> float | None:
-    """Travel [m] per turn of the shaft of the encoder; None where the car is not known."""
+    """Return the travel [m] per turn of the encoder's shaft; None if the car is not known."""
     if recording.car is not None:
         encoder = recording.car.encoder
         metres = encoder.metres_per_edge
@@ -97,9 +100,10 @@ def _shaft_turn(recording: Recording) -> float | None:
 
 
 def marks(quantum: float | None, shaft_turn: float | None = SHAFT_TURN) -> int | None:
-    """Edges per turn of the drive shaft for ``quantum`` [m/s per count], None: no whole number.
+    """Return the edges per turn of the drive shaft, None if they are no whole number.
 
-    shaft_turn: travel per turn [m].
+    quantum [m/s per count], shaft_turn: travel per turn [m]. One edge per count time T is
+    quantum = shaft_turn / (edges T).
     """
     if not quantum or not shaft_turn:
         return None
@@ -114,7 +118,7 @@ def _range(values: FloatArray) -> Range | None:
 
 
 def _is_rounded(recording: Recording) -> bool:
-    """Values of the sensors carry a second quantum of 0.01."""
+    """Return whether the values of the sensors are multiples of 0.01."""
     values = recording.messages.yaw_rate
     values = values[np.isfinite(values) & (values != 0.0)]
     return len(values) > 10 and bool(np.all(np.abs(values * 100 - np.round(values * 100)) < 1e-4))
@@ -129,7 +133,7 @@ def _date(recording: Recording) -> tuple[str | None, str | None]:
 
 
 def named_time(path: Path) -> datetime | None:
-    """Start of the recording by its name (local time, without a zone), None: no date in it."""
+    """Return the start of a recording by its name (local time, no zone); None without a date."""
     for pattern, form in NAME_FORMATS:
         found = pattern.search(path.name)
         try:

@@ -1,4 +1,4 @@
-"""What is wrong with a recording: what the reader did, and what a user has to know."""
+"""Findings about a recording: what the reader changed, and what a user has to know."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from .facts import RecordingFacts
 from .motion import MAX_SLIP_SHARE, MAX_SLIP_SPEED, MIN_MOVING_SPEED, RecordedMotion
 
+# Kinds of findings by their effect: rows dropped, or only reported; the others change values.
 DROPPED_KINDS = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
            "mocap_repeated")
 REPORTED_KINDS = ("car_files", "quantum", "lost_messages", "encoder_zero", "read",
@@ -24,9 +25,10 @@ MIN_REPORTED_SLIP = 0.05  # of the driven time
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """kind: one word of the table in docs/reference/recordings.md. effect: "dropped" (rows
-    are gone), "changed" (values or marks), "said" (nothing was done). serious: read it before
-    a fit.
+    """A finding about a recording.
+
+    kind: one word of the table in docs/reference/recordings.md. effect: "dropped" (rows), "changed"
+    (values or marks) or "said" (only reported). serious: read it before a fit.
     """
 
     kind: str
@@ -40,7 +42,7 @@ class Finding:
 
 
 def findings(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
-    """Everything to know about one recording, serious things first."""
+    """Return the findings about one recording, serious ones first."""
     out = [_finding_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
     if m.mostly_bad:
         share = 1.0 - float(m.good.mean())
@@ -88,7 +90,7 @@ def _mocap(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
 
 
 def _accelerometer(m: RecordedMotion) -> list[Finding]:
-    """Offset at rest from tilt, spread while driving from vibration."""
+    """Report an offset at rest (tilt) and a large spread while driving (vibration)."""
     a = m.recording.messages
     if not np.isfinite(a.accel_x).any():
         return []
@@ -96,7 +98,8 @@ def _accelerometer(m: RecordedMotion) -> list[Finding]:
     rest = (speed == 0.0) & (a.throttle == 0.0)
     out = []
     if m.recording.encoder == "ok" and rest.sum() >= REST_ROWS:
-        x, y = float(np.nanmean(a.accel_x[rest])), float(np.nanmean(a.accel_y[rest]))
+        x = float(np.nanmean(a.accel_x[rest]))
+        y = float(np.nanmean(a.accel_y[rest]))
         if max(abs(x), abs(y)) > MAX_TILT_ACCELERATION:
             out.append(_report("accelerometer_tilt", "accelerometer at rest shows "
                              f"({x:+.2f}, {y:+.2f}) m/s2: tilt, do not integrate it"))

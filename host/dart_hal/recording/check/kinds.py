@@ -1,8 +1,8 @@
-"""What was done about each kind of finding, as one line over many files."""
+"""Actions of the reader by kind of finding, as one line about many files."""
 
 from __future__ import annotations
 
-# By kind, of every kind with which rows are dropped or values changed.
+# For every kind that drops rows or changes values.
 DONE = {
     "bad_samples": "parts of the motion are marked bad, 0.2 s to both sides included",
     "cut_off_line": "the cut-off last line is dropped",
@@ -11,7 +11,7 @@ DONE = {
     "false_lock": "the mocap stood while the wheels turned: marked bad",
     "gate": "throttle logged behind a closed safety gate is 0",
     "held_copies": "rows that repeat the last sensor message are dropped",
-    "message_gap": "cut where sensor messages are more than 0.3 s apart",
+    "message_gap": "cut at steps above 0.3 s between sensor messages",
     "marker": "the marker frame is fitted to the driving",
     "mocap_gap": "nothing inside gaps of the mocap is used",
     "mocap_repeated": "mocap rows whose time does not advance are dropped",

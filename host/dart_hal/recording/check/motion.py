@@ -1,4 +1,4 @@
-"""How the car moved by its own sensors and by motion capture, prepared once per recording."""
+"""Motion of the car by its sensors and by motion capture, prepared once per recording."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from dart_hal.recording.dart.grid import Grid, grid
 from dart_hal.recording.dart.model import Recording, Reference
 from dart_hal.recording.dart.reference import fit_reference, rolling_reference
 
-# Samples of 10 ms.
+# Lengths in samples of 10 ms: history before the start of a window, the first start, the distance
+# of starts, the reserve at the end of the recording, and the length of a window.
 WINDOW_LEAD = 8
 FIRST_WINDOW = 20
 WINDOW_STRIDE = 25
 WINDOW_TAIL = 220
 WINDOW_SPAN = 207
 START_SPEED = 0.3  # m/s
-MIN_MOVING_SPEED = 0.05  # m/s; below it the car stands
+MIN_MOVING_SPEED = 0.05  # m/s; below it the car is at rest
 # m/s between wheels and ground, and samples to judge it by.
 MAX_SLIP_SPEED = 0.3
 SLIP_ROWS = 100
-MAX_BAD_MOTION_SHARE = 0.9  # of the time; what is left are the pauses between failures
-MAX_SLIP_SHARE = 0.2  # of the driven time; then the wheels tell no speed
+# Share of bad samples above which the good ones are only pauses between failures.
+MAX_BAD_MOTION_SHARE = 0.9
+# Share of the driven time with slip above which the wheels do not measure the speed.
+MAX_SLIP_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ class RecordedMotion:
 
 
 def motion(recording: Recording) -> RecordedMotion:
-    """Grid of ``recording``, which has been through ``with_marker_frames``."""
+    """Prepare the motion of a recording that ``with_marker_frames`` has returned."""
     if recording.mocap is None:
         return RecordedMotion(recording, None, None, None)
     known = recording.marker
@@ -90,7 +93,9 @@ def motion(recording: Recording) -> RecordedMotion:
 
 
 def windows(g: Grid) -> list[int]:
-    """Start samples of the open-loop evaluation: every 0.25 s, v_x > 0.3 m/s, nothing bad.
+    """Return the start samples of the open-loop evaluation.
+
+    One each 0.25 s, with v_x > 0.3 m/s and no bad sample in the window.
 
     A window needs 80 ms before its start and 2.07 s after it.
     """

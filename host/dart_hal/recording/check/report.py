@@ -1,4 +1,4 @@
-"""The whole of it: one ``RecordingCheck`` per recording, one ``CheckSummary`` over all."""
+"""Result of a check: one ``RecordingCheck`` per recording, one ``CheckSummary`` over all."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from .findings import Finding, findings
 from .motion import RecordedMotion, motion
 from .uses import PURPOSES, Use, uses
 
-QUANTUM_TOLERANCE = 0.05  # relative; quanta further apart come from different constants
-SAME_CLOCK = 60.0  # s; between the names of two files and their first stamps
+# Relative difference above which two quanta have different encoder constants.
+QUANTUM_TOLERANCE = 0.05
+# Files whose stamps and names differ by the same offset within this time [s] have the same clock.
+SAME_CLOCK = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class RecordingCheck:
         return "good for " + ", ".join(parts)
 
     def to_json(self) -> dict[str, Any]:
-        """The object under "files" of ``data check --json``."""
+        """Return the object under "files" of ``data check --json``."""
         r = self.recording
         f = self.facts
         m = self.facts.mocap
@@ -86,7 +88,7 @@ class RecordingCheck:
 
 @dataclass(frozen=True, slots=True)
 class CheckSummary:
-    """All recordings together; notes: what matters only when they are pooled."""
+    """Summary of all recordings; notes: on differences that matter if they are pooled."""
 
     files: int
     schemas: dict[str, int]
@@ -96,24 +98,24 @@ class CheckSummary:
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The object under "summary" of ``data check --json``."""
+        """Return the object under "summary" of ``data check --json``."""
         return {"files": self.files, "schemas": self.schemas, "duration_s": self.duration,
                 "windows": self.windows, "good_for": self.good_for, "notes": list(self.notes)}
 
 
 def folder_of(path: Path) -> str:
-    """Name of the folder that says what was driven."""
+    """Return the name of the folder of a recording, which describes the drive."""
     folder = path.absolute().parent
     return folder.parent.name if folder.name == "csv" else folder.name
 
 
 def stem_of(path: Path) -> str:
-    """What tells a file from its neighbours."""
+    """Return the name of a file without the parts that all files share."""
     return path.name.split(".csv")[0].removesuffix(".mcap").removeprefix("car_1_Datarecording_")
 
 
 def check(recording: Recording) -> RecordingCheck:
-    """Look through one recording."""
+    """Check one recording."""
     m = motion(with_marker_frames([recording])[0])
     lock = 0.0
     if recording.schema == "B" and m.grid is not None:
@@ -123,17 +125,18 @@ def check(recording: Recording) -> RecordingCheck:
 
 
 def summary(checks: Sequence[RecordingCheck]) -> CheckSummary:
-    """Counts over ``checks`` and what their differences mean for pooling."""
+    """Summarise checks: counts, and what their differences mean for pooling."""
     return CheckSummary(
         files=len(checks),
         schemas=dict(sorted(Counter(c.recording.schema for c in checks).items())),
         duration=float(sum(c.facts.duration for c in checks)),
         windows=sum(c.uses["evaluation"].n for c in checks),
         good_for={p: sum(p in c.good_for for c in checks) for p in PURPOSES},
-        notes=tuple(_pooling(checks)))
+        notes=tuple(_note_differences(checks)))
 
 
-def _pooling(checks: Sequence[RecordingCheck]) -> list[str]:
+def _note_differences(checks: Sequence[RecordingCheck]) -> list[str]:
+    """Return notes on encoder constants, order and copies of several recordings."""
     notes = []
     quanta = sorted(c.recording.quantum for c in checks if c.recording.quantum)
     groups = [q for i, q in enumerate(quanta)
@@ -142,7 +145,7 @@ def _pooling(checks: Sequence[RecordingCheck]) -> list[str]:
         notes.append("encoder constants of different days ("
                      + ", ".join(f"{q:.4f}" for q in groups)
                      + " m/s per count): never pool the quantisation")
-    notes += _order(checks)
+    notes += _note_order(checks)
     same = Counter(c.recording.sha256 for c in checks)
     twice = sum(n - 1 for n in same.values())
     if twice:
@@ -150,11 +153,11 @@ def _pooling(checks: Sequence[RecordingCheck]) -> list[str]:
     return notes
 
 
-def _order(checks: Sequence[RecordingCheck]) -> list[str]:
-    """Files whose name puts them elsewhere than the clock of the sensor node does.
+def _note_order(checks: Sequence[RecordingCheck]) -> list[str]:
+    """Report files whose name and sensor clock give different orders.
 
-    The node counts from its start: files of one start share the difference
-    between that count and the time in the name.
+    The sensor node counts from its start, so files of one start share the offset between that
+    count and the time in the name. A file whose offset few others share has a wrong name.
     """
     notes = []
     for folder in dict.fromkeys(c.recording.path.parent for c in checks):

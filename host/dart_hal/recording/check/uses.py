@@ -1,7 +1,7 @@
-"""What a recording is good for: rows that each fit of the vehicle model could use.
+"""Uses of a recording: rows that each fit of the vehicle model could use.
 
-Limits are deliberately low: they say whether a recording can contribute, not
-whether it suffices alone. The fits judge their own certainty.
+The limits are low on purpose: a recording above them can contribute, but need not suffice alone.
+The fits estimate their own standard errors.
 """
 
 from __future__ import annotations
@@ -18,20 +18,23 @@ from .motion import MAX_SLIP_SHARE, MIN_MOVING_SPEED, RecordedMotion
 PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
 MIN_ROLLING_SPEED = 0.1  # m/s
 MAX_STRAIGHT_STEERING = 0.2  # of full steering; more than that and cornering drag counts
-# m/s. Below SLOW, noise of the gyro dominates atan(l W / v): it counts only where all is slow.
+# Speeds for the steering map [m/s]. At low speed the noise of the gyro dominates the angle
+# atan(l W / v), so slow messages count only if there are too few fast ones.
 MIN_STEERED_SPEED = 0.8
 MIN_SLOW_STEERED_SPEED = 0.3
 MIN_COASTING_MESSAGES = 10
 MIN_DRIVEN_MESSAGES = 30
 MIN_TURNED_MESSAGES = 50
 MIN_CORNERED_SAMPLES = 300
-# Samples, m/s, steering changes and their spread, below which the fit of the delay declines.
+# Requirements of the fit of the delay: samples, speed [m/s], steering changes and their spread.
 MIN_DELAY_MESSAGES = 30
 MIN_DELAY_SPEED = 0.3
 MIN_STEERING_CHANGES = 3
 MIN_STEERING_SPREAD = 0.03
-COMMAND_LEVEL_STEP = 0.02  # of a command: two that differ by less are one level
-MIN_LATERAL_ACCELERATION = 1.0  # m/s2; where a tyre shows its slip
+# Commands that differ by less are one level.
+COMMAND_LEVEL_STEP = 0.02
+# Lateral acceleration [m/s2] above which tyre slip is measurable.
+MIN_LATERAL_ACCELERATION = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,7 @@ class Use:
 
 
 def uses(m: RecordedMotion, f: RecordingFacts) -> dict[str, Use]:
-    """By purpose, in the order of ``PURPOSES``."""
+    """Return the use for each purpose, in the order of ``PURPOSES``."""
     a = m.recording.messages
     speed, source = _speed(m)
     if m.mostly_bad:
@@ -74,7 +77,7 @@ def uses(m: RecordedMotion, f: RecordingFacts) -> dict[str, Use]:
 
 
 def _speed(m: RecordedMotion) -> tuple[FloatArray, str]:
-    """Speed at the messages (m,) and which sensor gives it; zeros where there is none."""
+    """Return the speed at the messages (m,) and its sensor; zeros without a sensor."""
     a = m.recording.messages
     if m.recording.encoder in ("ok", "zero") and np.isfinite(a.speed).any():
         return np.nan_to_num(a.speed), "encoder"
@@ -91,7 +94,7 @@ def _turn_rate(m: RecordedMotion) -> FloatArray:
 
 
 def _at_messages(m: RecordedMotion, values: FloatArray) -> FloatArray:
-    """Grid values (n,) at the arrival of the messages (m,); 0 where they are bad."""
+    """Interpolate grid values (n,) at the arrival of the messages (m,); bad ones count as 0."""
     assert m.grid is not None
     usable = np.where(m.grid.bad, 0.0, values)
     return np.asarray(np.interp(m.recording.messages.arrival, m.grid.t, usable))
@@ -129,12 +132,12 @@ def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -
 
 def _delay(rows: BoolArray, steering: FloatArray) -> Use:
     n = int(rows.sum())
-    held = steering[rows]
-    changes = int((np.diff(held) != 0.0).sum())
+    driven = steering[rows]
+    changes = int((np.diff(driven) != 0.0).sum())
     if n < MIN_DELAY_MESSAGES:
         return Use(False, n, "messages",
                    f"fewer than {MIN_DELAY_MESSAGES} messages above {MIN_DELAY_SPEED} m/s")
-    if changes < MIN_STEERING_CHANGES or float(np.std(held)) < MIN_STEERING_SPREAD:
+    if changes < MIN_STEERING_CHANGES or float(np.std(driven)) < MIN_STEERING_SPREAD:
         return Use(False, n, "messages", "the steering hardly changes while the car drives")
     return Use(True, n, "messages", f"{changes} steering changes above {MIN_DELAY_SPEED} m/s")
 
@@ -154,7 +157,7 @@ def _tyres(m: RecordedMotion) -> Use:
     left = int((lateral[rows] > 0).sum())
     right = int((lateral[rows] < 0).sum())
     sides = ("both sides" if min(left, right) >= MIN_CORNERED_SAMPLES / 3 else
-             f"{'left' if left > right else 'right'} only: D and C cannot be told apart")
+             f"{'left' if left > right else 'right'} only: D and C cannot be separated")
     most = float(np.percentile(np.abs(lateral[rows]), 99))
     return Use(True, n, "samples", f"up to {most:.1f} m/s2, {sides}")
 
@@ -173,5 +176,5 @@ def _seconds(n: int, step: float) -> str:
 
 
 def _levels(values: FloatArray) -> int:
-    """How many levels of a command were held, LEVEL apart."""
+    """Count the levels of a command, in steps of COMMAND_LEVEL_STEP."""
     return len(np.unique(np.round(values / COMMAND_LEVEL_STEP))) if len(values) else 0

@@ -1,4 +1,4 @@
-"""The DART recordings of 2024 and 2025: CSV of three schemas, with all their traps."""
+"""The DART recordings of 2024 and 2025: CSV of three schemas, and their defects."""
 
 from __future__ import annotations
 

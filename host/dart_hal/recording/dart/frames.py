@@ -15,17 +15,17 @@ from .reference import NEEDED, OPTION, difference, fit_reference, reference_for
 
 def with_marker_frames(recordings: Sequence[Recording], given: Reference | None = None
                        ) -> list[Recording]:
-    """The recordings with the frame of their markers, as far as it is known or can be fitted.
+    """Return the recordings with the frames of their markers, if known or identified.
 
     1. Recordings of one day, or without a date of one folder, share one mounting: their frame is
        fitted together.
-    2. A recording whose own fit differs from that by more than 3 standard errors was mounted
-       otherwise, and keeps its own. The others of that day then keep their own fits, too.
-    3. What was given, calibrated or published is used as it is; where the fit contradicts it, a
-       note says so.
+    2. If the own fit of a recording differs from that by more than 3 standard errors, its mounting
+       differs and it keeps its own fit. So do then the other recordings of that day.
+    3. A given, calibrated or published frame is used unchanged; a note reports a fit that
+       contradicts it.
 
-    given: frame of all recordings; None: known or fitted. Recordings without motion capture, or
-    that have been through this function, come back unchanged.
+    given: frame of all recordings; None: known or fitted. Recordings without motion capture, and
+    results of this function, are returned unchanged.
     """
     open_ones = [r for r in recordings if r.mocap is not None and not r.framed]
     fits = _fit_mountings(open_ones)
@@ -33,7 +33,7 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
 
 
 def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None, str]]:
-    """By id of a recording, its fitted frame and what it was fitted to."""
+    """Return by id of a recording its fitted frame and the name of the fitted data."""
     mountings: dict[str, list[Recording]] = {}
     for r in recordings:
         mountings.setdefault(mounting(r), []).append(r)
@@ -49,14 +49,14 @@ def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference
         for r, own, differs in zip(members, alone, differences, strict=True):
             if differs:
                 found[id(r)] = own, f"this recording, not like the others of {name}"
-            else:  # where mountings differ, a recording without a fit may be of either
+            else:  # if mountings differ, a recording without a fit may have either
                 found[id(r)] = (own if any(differences) else pooled,
                                 f"{len(members)} recordings of {name}")
     return found
 
 
 def mounting(recording: Recording) -> str:
-    """What the recordings of one mounting of the markers share: day, else folder, and car."""
+    """Return the key of a mounting of the markers: day, else folder, and car."""
     when = recording.when
     day = f"{when:%Y-%m-%d}" if when else str(recording.path.parent)
     owner = "DART" if recording.published else recording.car.name if recording.car else ""

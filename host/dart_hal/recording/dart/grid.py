@@ -1,6 +1,6 @@
-"""Motion of the centre of mass on a grid of 0.01 s, with the commands that were held.
+"""Motion of the centre of mass on a grid of 0.01 s, with the commands (zero-order hold).
 
-This is the one preprocessing that every open-loop comparison of models uses.
+All open-loop comparisons of models use this preprocessing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from .model import Recording, Reference, freeze, freeze_flags
 from .reference import NEEDED, OPTION, fit_reference, reference_for
 
 UNKNOWN_FRAME = "the marker frame on this car is not known"
-L_R = 0.0945  # m, rear axle to centre of mass of DART in the paper's code
+# Rear axle to centre of mass of DART in the code of the paper [m].
+L_R = 0.0945
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +47,13 @@ class Grid:
 
 def grid(recording: Recording, reference: Reference | None = None, l_r: float | None = None
          ) -> Grid:
-    """Motion of the centre of mass; ``reference`` None: the known frame, else one fitted to it.
+    """Compute the motion of the centre of mass.
+
+    reference: marker frame; None: the known one, else one that is fitted to the recording.
 
     l_r [m]: rear axle to centre of mass; None: that of DART for a published recording, else 0,
     which is the motion of the rear axle (v_x and omega are the same). Errors: RecordingError as for
-    ``marker_grid``, and when the marker frame is neither known nor identified by the driving.
+    ``marker_grid``, and if the marker frame is neither known nor identified by the driving.
     """
     m = marker_grid(recording)
     ref = reference or reference_for(recording)

@@ -19,10 +19,15 @@ from .model import RUN, Recording
 from .sensors import MAX_MESSAGE_GAP
 from .spans import span_index
 
-ARRIVAL_TOLERANCE = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
-MARGIN_SAMPLES = 20  # samples of 10 ms
-SLOW_STEP = 0.03  # s; a median mocap step above this needs a spline
+# Epoch stamps are rounded to 2.4e-7 s.
+ARRIVAL_TOLERANCE = 1e-5  # s
+# Samples of 10 ms next to a bad one that are bad, too.
+MARGIN_SAMPLES = 20
+# Median mocap step [s] above which values are interpolated by a spline.
+SLOW_STEP = 0.03
 POSITION_STEP_C = 0.08  # m per 10 ms
+# False lock: the pose is at rest (m/s) while the encoder counts (m/s), in more than LOCK_MIN of
+# LOCK_SPAN samples.
 LOCK_SPEED = 0.05
 LOCK_ENCODER = 0.25
 LOCK_MIN = 15
@@ -49,7 +54,11 @@ class MarkerGrid:
 
 
 def savgol_derivative(values: FloatArray, points: int, step: float = SAMPLE) -> FloatArray:
-    """First derivative, order 2, centred; ends: parabola through the last ``points`` values."""
+    """Compute the first derivative by a centred Savitzky-Golay filter of order 2.
+
+    For k = -h .. h the derivative is sum k y_k / (step sum k^2). At the ends it is that of a
+    parabola through the last ``points`` values.
+    """
     half = points // 2
     offsets = np.arange(-half, half + 1, dtype=np.float64)
     weights = offsets / (offsets @ offsets) / step
@@ -71,8 +80,9 @@ def turning_share(omega: FloatArray, points: int, step: float = SAMPLE) -> Float
 
         sum k sin(omega k dt) / (omega dt sum k^2) = 1 - (omega dt)^2 sum k^4 / (6 sum k^2) + ..
 
-    of the true one: 0.995 at 3 rad/s and 15 points. What is then taken off for the lever arm of the
-    marker is not smaller, which showed as 1 % of the slip of the rear tyres.
+    of the true one: 0.995 at 3 rad/s and 15 points. The velocity of the lever arm of the marker,
+    which is subtracted later, is not reduced. Without a correction that was 1 % of the slip of the
+    rear tyres.
     """
     k = np.arange(1, points // 2 + 1, dtype=np.float64)
     # sinc(0) = 1: numpy's sinc has a factor pi
@@ -81,7 +91,7 @@ def turning_share(omega: FloatArray, points: int, step: float = SAMPLE) -> Float
 
 
 def marker_grid(recording: Recording) -> MarkerGrid:
-    """The marker frame as measured, before any mounting correction.
+    """Compute the motion of the marker frame as measured, without a mounting correction.
 
     Errors: RecordingError for schema A and for less than 0.25 s of mocap.
     """
@@ -100,11 +110,12 @@ def marker_grid(recording: Recording) -> MarkerGrid:
         raise RecordingError(f"{recording.name}: too short for velocities",
                              read=str(recording.path), found=f"{mocap.t[-1]:.2f} s of mocap",
                              expected="at least 0.25 s", remedy="leave this file out")
-    x, y, yaw = (_onto(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
+    x, y, yaw = (_resample(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
     dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
-    if recording.schema == RUN:  # the published evaluation of the other schemas does without
-        kept = turning_share(omega, points)
-        dx, dy = dx / kept, dy / kept
+    if recording.schema == RUN:  # the published evaluation of the other schemas has no correction
+        share = turning_share(omega, points)
+        dx = dx / share
+        dy = dy / share
     arrived = np.searchsorted(messages.arrival, t + ARRIVAL_TOLERANCE, side="right") - 1
     last = np.maximum(arrived, 0)
     encoder = messages.speed[last]
@@ -112,7 +123,7 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     if recording.schema != "C":
         lock = _false_lock(np.hypot(dx, dy), encoder)
     stale = (arrived < 0) | (t - messages.arrival[last] > MAX_MESSAGE_GAP + ARRIVAL_TOLERANCE)
-    # the published evaluation of schema C has a longer limit and drops the sample before only
+    # The published evaluation of schema C has a longer limit and drops only the sample before.
     if recording.schema == "C":
         jumps = np.append(_jumps(x, y, yaw, POSITION_STEP_C), False)
     else:
@@ -126,7 +137,7 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     return MarkerGrid(t, x, y, yaw, dx, dy, omega, throttle, steering, encoder, last, bad, lock)
 
 
-def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:
+def _resample(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:
     if not slow:
         return np.asarray(np.interp(t, stamp, values))
     from scipy.interpolate import CubicSpline
@@ -134,13 +145,14 @@ def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> F
     return np.asarray(CubicSpline(stamp, values)(t))
 
 
-def _widen(bad: BoolArray, by: int = MARGIN_SAMPLES) -> BoolArray:
-    return np.asarray(np.convolve(bad, np.ones(2 * by + 1), mode="same") > 0.5)
+def _widen(bad: BoolArray, margin: int = MARGIN_SAMPLES) -> BoolArray:
+    return np.asarray(np.convolve(bad, np.ones(2 * margin + 1), mode="same") > 0.5)
 
 
 def _jumps(x: FloatArray, y: FloatArray, yaw: FloatArray, limit: float) -> BoolArray:
-    """Steps (n - 1,) of the grid that no motion explains; limit: m per sample."""
-    dx, dy = np.diff(x), np.diff(y)
+    """Mark the steps (n - 1,) of the grid that are no motion; limit: m per sample."""
+    dx = np.diff(x)
+    dy = np.diff(y)
     jumps = position_jumps(np.full(len(dx), SAMPLE), dx, dy, limit)
     return np.asarray(jumps | (np.abs(np.diff(yaw)) > YAW_STEP))
 
@@ -152,6 +164,6 @@ def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:
 
 def _false_lock(speed: FloatArray, encoder: FloatArray) -> BoolArray:
     with np.errstate(invalid="ignore"):
-        stands = (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
-    count = np.convolve(stands, np.ones(LOCK_SPAN), mode="same")
+        locked = (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
+    count = np.convolve(locked, np.ones(LOCK_SPAN), mode="same")
     return np.asarray(count > LOCK_MIN)

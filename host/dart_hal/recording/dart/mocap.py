@@ -1,4 +1,4 @@
-"""Motion capture rows: advancing time, outliers of 1 to 3 rows, unwrapped yaw."""
+"""Rows of a motion capture: increasing time, outliers of 1 to 3 rows, unwrapped yaw."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from .sensors import CLOCK_BREAK
 
 MIN_ADVANCE = 1e-4  # s
 POSITION_STEP = 0.06  # m per 10 ms; a shorter step is no jump
-# m per 10 ms between a longer step and the usual one of its neighbours, from which on it is a
-# jump. A car that drives at 30 m/s makes steps of 0.3 m, all alike; the other half of POSITION_STEP
-# is the 3 m/s that a car may well drive, so that no outlier at that speed passes as motion.
+# Deviation of a longer step from the usual step of its neighbours [m per 10 ms] above which it is a
+# jump. A car at 30 m/s makes steps of 0.3 m, all of the same length. The other half of
+# POSITION_STEP is the 3 m/s that a car often drives, so that an outlier at that speed is found.
 MAX_DEVIATION = 0.03
-# Times the usual deviation of a file, up to that share of the usual step: a tracker of large cars
-# scatters by centimetres. 6 median deviations are 4 standard deviations of normal noise.
+# The limit is also a multiple of the median deviation of a file, up to a share of the usual step: a
+# tracker of large cars has centimetres of noise. 6 median deviations are 4 standard deviations of
+# normal noise.
 MAX_NOISE_RATIO = 6.0
 MAX_NOISE_SHARE = 0.5
 NEIGHBOURS = 10  # steps to each side
@@ -31,10 +32,10 @@ EPOCH_FROM = 1e9  # s; smaller stamps count from the start of the recording
 
 
 def advancing(t: FloatArray) -> tuple[BoolArray, FloatArray, int]:
-    """(rows to keep, their time from 0, steps back).
+    """Return (rows to keep, their time from 0, steps back).
 
-    A row out of order by less than 0.1 s is dropped; behind a larger step
-    back time goes on 1 s later, so that a gap marks the place.
+    A row out of order by less than 0.1 s is dropped. After a larger step back, time continues 1 s
+    later, so that a gap separates both parts.
     """
     keep = np.zeros(len(t), dtype=bool)
     moved = np.zeros(len(t))
@@ -55,15 +56,16 @@ def advancing(t: FloatArray) -> tuple[BoolArray, FloatArray, int]:
 
 
 def wrap(angle: FloatArray) -> FloatArray:
-    """Into [-pi, pi)."""
+    """Wrap an angle into [-pi, pi)."""
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-    """Rows (n,) of jumps that come back within 3 rows; judged by distance over time.
+    """Mark the rows (n,) of jumps that return within 3 rows.
 
-    A jump that stays (false lock of the tracker) is no outlier: it is found
-    against the encoder, on the grid.
+    For each step that is a jump, find the next row that is no jump from the row before the step.
+    A jump that does not return (false lock of the tracker) is no outlier: it is found on the grid,
+    by the encoder.
     """
     bad = np.zeros(len(t), dtype=bool)
     duration = np.diff(t)
@@ -97,10 +99,10 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
 
 def position_jumps(duration: FloatArray, dx: FloatArray, dy: FloatArray,
                    limit: float = POSITION_STEP) -> BoolArray:
-    """Which steps (n,) [m] of ``duration`` (n,) [s] no motion explains; limit: m per 10 ms.
+    """Mark the steps (n,) [m] of ``duration`` (n,) [s] that are no motion; limit: m per 10 ms.
 
-    A jump is longer than a slow car drives, and differs from the usual velocity of the steps
-    around it: what a whole stretch of a recording shows is the speed of the car.
+    A jump is longer than the steps of a slow car, and differs from the usual velocity of the steps
+    around it, which is the speed of the car.
     """
     scale = np.maximum(duration / SAMPLE, 1.0)
     long = np.hypot(dx, dy) > limit * scale
@@ -122,7 +124,7 @@ def deviation_limit(duration: FloatArray, u: FloatArray, v: FloatArray, deviatio
 
 def usual_velocity(duration: FloatArray, dx: FloatArray, dy: FloatArray
                    ) -> tuple[FloatArray, FloatArray]:
-    """Median velocity (u, v) [m/s], (n,) each, of the steps from 10 before to 10 after."""
+    """Return the median velocity (u, v) [m/s], (n,) each, of 10 steps before to 10 after."""
     span = min(2 * NEIGHBOURS + 1, len(dx))
     def median(step: FloatArray) -> FloatArray:
         rate = np.pad(step / duration, (span // 2, (span - 1) // 2), mode="edge")
@@ -132,13 +134,13 @@ def usual_velocity(duration: FloatArray, dx: FloatArray, dy: FloatArray
 
 
 def longest_step(t: FloatArray) -> float:
-    """Time [s] between two rows beyond which nothing between them is used; t (n,) s."""
+    """Return the longest time [s] between two rows that is no gap; t (n,) s."""
     usual = float(np.median(np.diff(t))) if len(t) > 1 else SAMPLE
     return max(MAX_GAP, GAP_STEPS * usual)
 
 
 def unwrap(yaw: FloatArray, outlier: BoolArray) -> FloatArray:
-    """Unwrapped over the good rows; an outlier stays on the turn of the row before it."""
+    """Unwrap the good rows; an outlier keeps the turn of the row before it."""
     good = np.flatnonzero(~outlier)
     out = np.array(yaw)
     if len(good) == 0:
@@ -149,10 +151,12 @@ def unwrap(yaw: FloatArray, outlier: BoolArray) -> FloatArray:
 
 
 def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]:
-    """(mocap, rows of the table that it kept, notes)."""
+    """Read the motion capture; return it, the kept rows of the table, and notes."""
     stamp, x, y, yaw = (columns[c] for c in MOCAP_COLUMNS)
     keep, t, back = advancing(stamp)
-    x, y, yaw = x[keep], y[keep], yaw[keep]
+    x = x[keep]
+    y = y[keep]
+    yaw = yaw[keep]
     outlier = outliers(t, x, y, yaw)
     notes = []
     if back:

@@ -1,4 +1,4 @@
-"""What a DART recording is once it has been read: frozen, SI units, arrays read-only."""
+"""A DART recording in memory: frozen, SI units, read-only arrays."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Reference:
                          for (name, value, unit), error in zip(values, self.std, strict=True))
 
     def to_json(self) -> dict[str, Any]:
-        """Entries of one frame as the verbs print them with ``--json``."""
+        """Return the entries of one frame in the ``--json`` output of the verbs."""
         names = ("lx", "theta", "ly")
         std = None if self.std is None else {
             name: error if np.isfinite(error) else None
@@ -113,7 +113,7 @@ class Reference:
 
     def marker(self, l_r: float, x: FloatArray, y: FloatArray, yaw: FloatArray
                ) -> tuple[FloatArray, FloatArray]:
-        """Where the marker is (x, y) by the centre of mass, l_r [m] before the rear axle."""
+        """Return x, y of the marker for a pose of the centre of mass, l_r [m] before the axle."""
         forward = self.lx - l_r
         c = np.cos(yaw)
         s = np.sin(yaw)
@@ -121,8 +121,13 @@ class Reference:
 
     def centre(self, l_r: float, pose: tuple[FloatArray, FloatArray, FloatArray],
                rates: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, ...]:
-        """(x, y, v_x, v_y) of the centre of mass by the marker's x, y, yaw and their rates."""
-        (x, y, yaw), (dx, dy, omega) = pose, rates
+        """Return x, y, v_x, v_y of the centre of mass for x, y, yaw of the marker and their rates.
+
+        The position follows by subtracting the lever arm, turned by the yaw; its velocity is
+        omega times the arm.
+        """
+        x, y, yaw = pose
+        dx, dy, omega = rates
         forward = self.lx - l_r
         c = np.cos(yaw)
         s = np.sin(yaw)
@@ -132,7 +137,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class AppliedCommands:
-    """Throttle and steering (m,) that were written at t (m,) s, each held until the next.
+    """Throttle and steering (m,) that were written at t (m,) s, each valid until the next.
 
     t is on the clock of the motion capture. A message only has the command of its moment, which
     was written up to two frames before.
@@ -145,13 +150,15 @@ class AppliedCommands:
     def sample_means(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Compute the means of (throttle, steering) over n samples of the grid, (n,) each."""
         edges = np.arange(n + 1) * SAMPLE
+        # Integral of the zero-order hold up to each edge of the grid: its sum at the commands, and
+        # constant before the first and after the last one.
         since = np.maximum(edges - self.t[-1], 0.0)
 
         def means(values: FloatArray) -> FloatArray:
             total = np.concatenate([[0.0], np.cumsum(np.diff(self.t) * values[:-1])])
             before = np.minimum(edges - self.t[0], 0.0) * values[0]
             integral = np.interp(edges, self.t, total) + since * values[-1] + before
-            # differences of sums of a constant are constant but for rounding
+            # Rounded, because differences of sums of a constant vary by rounding errors.
             return np.asarray(np.round(np.diff(integral) / SAMPLE, 9))
 
         return means(self.throttle), means(self.steering)
@@ -159,21 +166,22 @@ class AppliedCommands:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One file. ``schema`` "A", "B", "C" or RUN; ``mocap`` None for A, and
-    for a RUN without poses from outside.
+    """One recording.
 
-    encoder: "ok", "dead" (the car moved, it did not), "zero" (never moved, and
-    nothing shows that the car did), "none" (schema C). quantum: m/s per
-    encoder count, None if it cannot be told. sha256 of the file's bytes.
-    rows: lines of the table before anything was dropped (0: no table).
-    mass: as weighed for this recording, (kg, one sigma); None: it was not.
-    marker: where its marker frame sat, as this recording itself tells.
-    span [s]: messages are means of so much before their stamp; 0: of the moment.
-    car: the car file that a run holds or that was named for it; None for other recordings.
+    schema: "A", "B", "C" or RUN. mocap: None for A, and for a RUN without external poses.
+
+    encoder: "ok", "dead" (always 0 while the car moved), "zero" (always 0, and no other sensor
+    shows a motion), "none" (schema C). quantum: m/s per encoder count, None if it cannot be
+    inferred. sha256 of the file's bytes.
+    rows: lines of the table before any was dropped (0: no table).
+    mass: weighed for this recording, (kg, standard deviation); None: not weighed.
+    marker: marker frame that this recording itself states.
+    span [s]: messages are means over this time before their stamp; 0: samples.
+    car: the car file in a run or named for it; None for other recordings.
     published: its content is that of a published file of DART. framed: ``marker`` and the notes
-    about it are those of ``with_marker_frames``. commands: when they were written, where that
-    was recorded; None: the messages tell them.
-    spans [s]: stretches that may be judged, see ``spans``; empty: all of it.
+    about it are those of ``with_marker_frames``. commands: with the times at which they were
+    written, if recorded; None: those of the messages.
+    spans [s]: intervals that may be evaluated, see ``spans``; empty: the whole recording.
     drive: "duty": throttles are -1..1; "speed": they are the commanded speeds [m/s] of a speed
     loop, also in ``messages`` and ``commands``.
     """
@@ -205,12 +213,12 @@ class Recording:
 
     @property
     def of_means(self) -> bool:
-        """A run that nobody saw: messages are means of the ``span`` that ends at their stamp."""
+        """Whether messages are means over the ``span`` before their stamp."""
         return self.span > 0.0
 
     @property
     def duration(self) -> float:
-        """Recorded time [s], gaps between segments left out."""
+        """Recorded time [s] without the gaps between segments."""
         step = np.diff(self.messages.t)
         same = np.diff(self.messages.segment) == 0
         return float(step[same].sum())
@@ -224,21 +232,21 @@ class Recording:
 
 
 def freeze(values: NDArray[Any]) -> FloatArray:
-    """A read-only copy as floats; negative zeros become zeros."""
+    """Return a read-only copy as floats; negative zeros become zeros."""
     out: FloatArray = np.array(values, dtype=np.float64) + 0.0
     out.setflags(write=False)
     return out
 
 
 def freeze_flags(values: NDArray[Any]) -> BoolArray:
-    """A read-only copy as booleans."""
+    """Return a read-only copy as booleans."""
     out: BoolArray = np.array(values, dtype=np.bool_)
     out.setflags(write=False)
     return out
 
 
 def freeze_index(values: NDArray[Any]) -> IntArray:
-    """A read-only copy as integers."""
+    """Return a read-only copy as integers."""
     out: IntArray = np.array(values, dtype=np.int64)
     out.setflags(write=False)
     return out

@@ -1,11 +1,9 @@
-"""Values that no car can have: a file that holds one is refused.
+"""Refuse files with impossible values: wrong units (mm/s, deg/s, ms) or damaged numbers.
 
-They come from units (mm/s, deg/s, ms) or from damage. One is enough: a file
-with a corrupt number is not to be trusted with the others. The limits are those
-of small cars, at least three times above the largest of the published
-recordings. A file may exceed those of speed and position where its own motion
-supports it: a car that drives 30 m/s does so smoothly, and motion capture and
-encoder agree.
+One such value is enough, because the other numbers of the file may be damaged too. The limits are
+those of small cars, at least three times the largest values of the published recordings. A file
+may exceed those of speed and position if its own motion supports it: a car at 30 m/s moves
+smoothly, and motion capture and encoder agree.
 """
 
 from __future__ import annotations
@@ -42,10 +40,11 @@ LIMITS = (
 )
 SPEED_LIMIT = ValueLimit(SPEED_COLUMN, 15.0, "m/s", "mm/s or cm/s")
 PLACE_LIMITS = tuple(ValueLimit(column, 1000.0, "m", "mm") for column in ("vicon x", "vicon y"))
-MAX_SPEED = 150.0  # m/s; nothing on wheels that is controlled by these commands is faster
-# m/s2, of a motion that is averaged over SMOOTH s. Grip gives 10, wings 50; a speed in cm/s or a
-# position in mm gives 100 and more where a car changes its speed by 1 m/s in a second.
-MAX_ACCELERATION = 50.0
+# No car with these commands is faster [m/s].
+MAX_CAR_SPEED = 150.0
+# Acceleration [m/s2] averaged over SMOOTHING_TIME. Grip gives 10, wings 50; a speed in cm/s or a
+# position in mm gives 100 and more if a car changes its speed by 1 m/s in a second.
+MAX_SMOOTHED_ACCELERATION = 50.0
 SMOOTHING_TIME = 0.2  # s
 MAX_SPEED_RATIO = 2.0  # times the speed of the mocap that an encoder may show
 # Of a position beyond its limit: by how much it may differ from its neighbours.
@@ -59,13 +58,15 @@ FACTORS = {
 MIN_MESSAGE_STEP = 1e-3
 MAX_MESSAGE_STEP = 1.0
 MIN_MOCAP_STEP = MIN_ADVANCE  # s
-MAX_PAUSE = 86_400.0  # s; no recorder waits for a day
+MAX_PAUSE = 86_400.0  # s, a day
 YAW_JUMP = 50.0  # rad from one mocap row to the next
-# m/s, and the share of rows: a fifth of the rows that fast is no tracking error.
+# A speed [m/s] in this share of the rows is no tracking error.
 MOCAP_SPEED = 30.0
 MOCAP_SHARE = 0.2
-SMALLEST_WHEELBASE = 0.06  # m, of a 1:43 car; every other car turns less tightly
-TIGHTEST = 2.0 * 0.684  # twice tan(0.6 rad): no steering angle turns the car that tightly
+# Wheelbase of a 1:43 car [m]; larger cars have a larger turning circle.
+SMALLEST_WHEELBASE = 0.06
+# Curvature times wheelbase = tan(steering angle): twice that of 0.6 rad is impossible.
+MAX_STEERING_TANGENT = 2.0 * 0.684
 # m/s above which the car moves, rows of that, and the share of them that turns.
 MIN_TURNING_SPEED = 0.3
 MOVING_ROWS = 10
@@ -73,7 +74,7 @@ TURN_SHARE = 0.2
 
 
 def check_values(columns: dict[str, FloatArray], file: str) -> None:
-    """Errors: RecordingError when a cell holds what no car can have. Columns (rows,), finite."""
+    """Raise RecordingError for a cell with an impossible value. Columns (rows,), finite."""
     for limit in (*LIMITS, _speed_limit(columns), *PLACE_LIMITS):
         if limit.column not in columns:
             continue
@@ -94,7 +95,7 @@ def check_values(columns: dict[str, FloatArray], file: str) -> None:
 
 
 def check_units(columns: dict[str, FloatArray], file: str) -> None:
-    """Errors: RecordingError for a unit that shows only in the whole of a file.
+    """Raise RecordingError for a wrong unit that only the whole of a file shows.
 
     columns (rows,): without the rows before the first sensor message.
     """
@@ -123,78 +124,83 @@ def _check_steps(t: FloatArray, column: str, shortest: float, file: str) -> None
 
 
 def _check_yaw_rate(columns: dict[str, FloatArray], file: str) -> None:
-    """A yaw rate in deg/s is tighter than any steering, wherever the car turns."""
+    """Raise RecordingError if turns are tighter than any steering: the yaw rate is in deg/s."""
     speed = np.abs(columns[SPEED_COLUMN])
     moves = speed > MIN_TURNING_SPEED
     if int(moves.sum()) < MOVING_ROWS:
         return
     slope = SMALLEST_WHEELBASE * np.abs(columns[YAW_RATE_COLUMN][moves]) / speed[moves]
-    share = float((slope > TIGHTEST).mean())
+    share = float((slope > MAX_STEERING_TANGENT).mean())
     if share > TURN_SHARE:
         raise _refusal(
             file, YAW_RATE_COLUMN, f"{float(np.max(np.abs(columns[YAW_RATE_COLUMN]))):.6g} "
             f"at most; in {share:.0%} of the driven rows a tighter turn than "
-            f"{SMALLEST_WHEELBASE / TIGHTEST:.3f} m",
+            f"{SMALLEST_WHEELBASE / MAX_STEERING_TANGENT:.3f} m",
             f"rad/s that a wheelbase of {SMALLEST_WHEELBASE} m can turn at the speed of "
             f"{SPEED_COLUMN!r}",
             "deg/s")
 
 
 def _check_mocap_speed(columns: dict[str, FloatArray], file: str) -> None:
-    """Errors: RecordingError where the motion is too fast, or changes too fast, for metres."""
+    """Raise RecordingError if speed or acceleration are impossible: the position is in mm."""
     speed, acceleration = _motion(columns)
     if not len(speed) or float((speed > MOCAP_SPEED).mean()) <= MOCAP_SHARE:
         return
     usual = float(np.median(speed))
-    if usual > MAX_SPEED:
+    if usual > MAX_CAR_SPEED:
         raise _refusal(file, "vicon x", f"a median speed of {usual:.6g} m/s",
-                       f"at most {MAX_SPEED:g} m/s", "mm")
+                       f"at most {MAX_CAR_SPEED:g} m/s", "mm")
     change = float(np.quantile(acceleration, 0.75)) if len(acceleration) else 0.0
-    if change > MAX_ACCELERATION:
+    if change > MAX_SMOOTHED_ACCELERATION:
         raise _refusal(file, "vicon x", f"a median speed of {usual:.6g} m/s, and an acceleration "
                        f"of {change:.6g} m/s2 and more in a quarter of the time",
-                       f"at most {MAX_ACCELERATION:g} m/s2 at such a speed", "mm")
+                       f"at most {MAX_SMOOTHED_ACCELERATION:g} m/s2 at such a speed", "mm")
 
 
 def _motion(columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """(speed [m/s] from row to row, acceleration [m/s2] over SMOOTH s) of the mocap."""
+    """Return the speed from row to row [m/s] and the smoothed acceleration [m/s2] of the mocap."""
     t, x, y = (columns[c] for c in ("vicon time", "vicon x", "vicon y"))
     advance = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
-    t, x, y = t[advance], x[advance], y[advance]
+    t = t[advance]
+    x = x[advance]
+    y = y[advance]
     if len(t) < 2:
         return np.empty(0), np.empty(0)
     speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(t)
     span = max(round(SMOOTHING_TIME / float(np.median(np.diff(t)))), 1)
-    t, x, y = t[::span], x[::span], y[::span]
+    t = t[::span]
+    x = x[::span]
+    y = y[::span]
     if len(t) < 3:
         return speed, np.empty(0)
     step = np.diff(t)
-    u, v = np.diff(x) / step, np.diff(y) / step
+    u = np.diff(x) / step
+    v = np.diff(y) / step
     # Two intervals around one impossible time add up to 0: that acceleration is infinite.
     with np.errstate(divide="ignore", invalid="ignore"):
         return speed, np.hypot(np.diff(u), np.diff(v)) / (0.5 * (step[1:] + step[:-1]))
 
 
 def _speed_limit(columns: dict[str, FloatArray]) -> ValueLimit:
-    """Largest speed of the encoder: that of small cars, or what the file itself supports."""
+    """Return the largest speed of the encoder: of small cars, or that the file supports."""
     if SPEED_COLUMN not in columns or not len(columns[SPEED_COLUMN]):
         return SPEED_LIMIT
     if "vicon time" in columns:
         speed, _ = _motion(columns)
         usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
-        supported = MAX_SPEED_RATIO * min(usual, MAX_SPEED)
+        supported = MAX_SPEED_RATIO * min(usual, MAX_CAR_SPEED)
     else:
         t = columns[SENSOR_TIME]
         value = columns[SPEED_COLUMN]
         fresh = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
         change = np.abs(np.diff(value[fresh])) / np.diff(t[fresh])
-        smooth = len(change) > 0 and float(np.max(change)) <= MAX_ACCELERATION
-        supported = MAX_SPEED if smooth else 0.0
+        smooth = len(change) > 0 and float(np.max(change)) <= MAX_SMOOTHED_ACCELERATION
+        supported = MAX_CAR_SPEED if smooth else 0.0
     return SPEED_LIMIT._replace(most=max(SPEED_LIMIT.most, supported))
 
 
 def _is_isolated(place: FloatArray) -> BoolArray:
-    """Rows (n,) that are far from both neighbours: a damaged number, no place far away."""
+    """Mark the rows (n,) that are far from both neighbours: damaged numbers, no positions."""
     jumps = np.abs(np.diff(place)) > MAX_CONTINUOUS_CHANGE * np.abs(place[:-1])
     ends = np.concatenate([[True], jumps, [True]])
     return np.asarray(ends[:-1] & ends[1:])

@@ -1,4 +1,4 @@
-"""File -> Recording, folder -> Recordings; every trap handled and said."""
+"""Read files and folders as Recordings; each correction is a note."""
 
 from __future__ import annotations
 
@@ -21,21 +21,22 @@ from .ranges import check_units, check_values
 from .schema import DERIVED_C, NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
 from .steering_sign import steering_note
-from .table import keep_finite, parse_text, read_content, text_of
+from .table import decode_content, keep_finite, parse_text, read_content
 
-MIN_MOCAP_SPEED = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
+# Speed of the mocap [m/s] for a second at which the encoder must count.
+MIN_MOCAP_SPEED = 0.15
 MIN_MOCAP_ROWS = 30
 
 
 def read(path: str | Path) -> Recording:
-    """One DART recording of schema A, B or C.
+    """Read one DART recording of schema A, B or C.
 
-    Errors: RecordingError, naming the file, what was found, what was expected.
+    Errors: RecordingError with the file, what was found, what was expected.
     """
     path = Path(path)
     file = str(path)
     content = read_content(path)
-    schema, columns, dropped = parse_text(text_of(content, file), file)
+    schema, columns, dropped = parse_text(decode_content(content, file), file)
     rows = len(next(iter(columns.values()))) + sum(n for _, n in dropped)
     notes = [Note(why, n, "cut_off_line") for why, n in dropped]
     notes += _never_measured(columns)
@@ -60,8 +61,8 @@ def read(path: str | Path) -> Recording:
         columns = {c: v[~idle] for c, v in columns.items()}
     check_units(columns, file)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    made = _assemble(path, schema, columns, notes, digest)
-    return replace(made, rows=rows, notes=(*made.notes, *steering_note(made)),
+    recording = _assemble(path, schema, columns, notes, digest)
+    return replace(recording, rows=rows, notes=(*recording.notes, *steering_note(recording)),
                    published=hashlib.sha256(content).hexdigest() in published_content())
 
 
@@ -101,27 +102,27 @@ def _signed_zeros(columns: dict[str, FloatArray]) -> list[Note]:
 
 
 def note_false_lock(recording: Recording) -> Recording:
-    """A recording with mocap and encoder, with the note that the mocap locked falsely."""
+    """Return a recording with mocap and encoder, with a note if the mocap locked falsely."""
     if recording.mocap is None or recording.schema == "C":
         return recording
     lock = marker_grid(recording).false_lock
     if not lock.any():
         return recording
-    note = Note(f"false lock of the mocap (pose stands, encoder turns): "
+    note = Note(f"false lock of the mocap (pose at rest, encoder turns): "
                 f"{lock.sum() / 100.0:.2f} s, {lock.mean():.0%} of the recording",
                 kind="false_lock")
     return replace(recording, notes=(*recording.notes, note))
 
 
 def _judge_encoder(recording: Recording) -> Recording:
-    """Sort an encoder that is always 0 into dead or standing car; infer its quantum."""
+    """Infer the quantum of the encoder; if it is always 0, decide between dead and at rest."""
     if recording.schema == "C":
         return recording
     speed = recording.messages.speed
     if np.any(speed != 0.0):
         quantum = encoder_quantum(speed)
         note = (f"encoder quantum {quantum:.5f} m/s per count" if quantum
-                else "encoder quantum cannot be told from these speeds")
+                else "encoder quantum cannot be inferred from these speeds")
         return replace(recording, quantum=quantum,
                        notes=(*recording.notes, Note(note, kind="quantum")))
     if _mocap_moves(recording):
@@ -144,26 +145,26 @@ def _mocap_moves(recording: Recording) -> bool:
 
 def read_all(paths: Iterable[str | Path]
              ) -> tuple[list[Recording], list[tuple[str, str]]]:
-    """(recordings, skipped as (file, reason)) of files and folders, in name order.
+    """Return recordings and skipped (file, reason) of files and folders, in name order.
 
-    In a folder a file that cannot be used is skipped and listed; a file named
-    by itself is refused. Errors: RecordingError, also for a folder without any.
+    In a folder, a file that cannot be used is skipped; a file that is named by itself is refused.
+    Errors: RecordingError, also for a folder without any usable file.
     """
     recordings: list[Recording] = []
     skipped: list[tuple[str, str]] = []
-    seen: set[Path] = set()
+    read_paths: set[Path] = set()
     for entry in map(Path, paths):
         if not entry.is_dir():
-            if entry.resolve() not in seen:
+            if entry.resolve() not in read_paths:
                 recordings.append(read(entry))
-            seen.add(entry.resolve())
+            read_paths.add(entry.resolve())
             continue
         found = 0
         for file in sorted([*entry.rglob("*.csv"), *entry.rglob("*.csv.gz")]):
-            if file.resolve() in seen:
+            if file.resolve() in read_paths:
                 found += 1
                 continue
-            seen.add(file.resolve())
+            read_paths.add(file.resolve())
             try:
                 recordings.append(read(file))
                 found += 1

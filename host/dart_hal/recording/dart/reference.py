@@ -1,4 +1,4 @@
-"""Marker frame of the motion capture: known from a table, or fitted to the driving.
+"""Marker frame of the motion capture: known from a table, or fitted to the motion.
 
 The frame is L_x, L_y [m] from the rear axle and theta [rad], which is added to the measured yaw.
 The table holds the frames of the published recordings of DART, whose markers were mounted again
@@ -29,36 +29,38 @@ UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
          (datetime(2024, 8, 16, tzinfo=timezone.utc), JUL_24),
          (datetime(2025, 1, 1, tzinfo=timezone.utc), SEP_24))
 
-# m/s and m/s2: rows that the fit uses.
+# Samples that the fit uses: smallest speed [m/s], largest lateral acceleration [m/s2].
 MIN_FIT_SPEED = 0.3
 MAX_FIT_LATERAL = 2.0
-# rad/s and m/s2: above either the car turns.
+# The car turns above this yaw rate [rad/s] or lateral acceleration [m/s2].
 TURNING_RATE = 0.3
 TURNING_LATERAL = 0.3
 MIN_TURNING_SAMPLES = 200  # of 0.01 s to each side
 DERIVATIVE_POINTS = 15  # of the derivative of the yaw rate
-# Stretches of the jackknife. Steering levels last for seconds: shorter stretches would count one
-# level several times, and the error would come out too small.
+# Intervals of the jackknife. Steering levels last for seconds: shorter intervals would count one
+# level several times, and the standard error would be too small.
 JACKKNIFE_GROUPS = 10
-# rad of side slip at the rear axle that the equation of the fit may be wrong by: smoothing and
-# tyres that are not linear. On simulated cars L_x comes out 2 mm too small where turns have a
-# radius of 1 m; recordings of one day in September 2024 differ by as much.
+# Error of the equation of the fit, as side slip at the rear axle [rad], from smoothing and from
+# nonlinear tyres. On simulated cars L_x is 2 mm too small in turns with a radius of 1 m; recordings
+# of one day in September 2024 differ by as much.
 SLIP_ERROR = 0.002
-# m; share of L_x; rad of side slip at the usual radius of the turns. An L_x that is less certain
-# than all three is not identified; a fast car in wide curves needs it less well than a slow one.
+# L_x is not identified if its standard error is above all three: an error [m], a share of L_x, and
+# a side slip [rad] at the median radius of the turns. A fast car in wide curves needs a less
+# accurate L_x than a slow one.
 MAX_ERROR = 0.05
 MAX_SHARE = 0.25
 MAX_SLIP = 0.005
-# Of the scale of the encoder to that of the mocap, below which L_y is not identified.
+# Ratio of encoder speed to mocap speed below which L_y is not identified.
 MIN_RATIO = 0.3
 MAX_ACROSS_ERROR = 0.02  # m
-MIN_MESSAGES = 60  # with a counting encoder
+MIN_ENCODER_MESSAGES = 60
 ENCODER_COUNT_SAMPLES = 10  # samples over which the encoder of a message counted
-# Of turning the frame by the fitted theta; the third changes it by less than 1e-6 rad.
+# Iterations that turn the frame by the fitted theta; the third changes it by less than 1e-6 rad.
 FRAME_ROUNDS = 4
 REWEIGHTING_ROUNDS = 8
-HALF_WEIGHT_RESIDUAL = 2.0  # scatters; a residual of that size counts half
-# Standard errors beyond which two marker frames are two mountings.
+# Residual with half the weight, in robust standard deviations.
+HALF_WEIGHT_RESIDUAL = 2.0
+# Difference of two marker frames, in standard errors, above which they are two mountings.
 MIN_DIFFERENT_STDS = 3.0
 NEEDED = "2 s of turns to each side, at more than 0.3 m/s and less than 2 m/s2"
 # What identifies a frame, and the option that states it.
@@ -67,8 +69,11 @@ OPTION = "--reference LX,THETA,LY (m, rad, m) gives the frame"
 
 @dataclass(frozen=True, slots=True)
 class _Turns:
-    """Motion of the marker frame of one recording, (n,) each: course of the frame [rad], rates of
-    x, y [m/s] and yaw [rad/s]; good: samples that may be used."""
+    """Motion of the marker frame of one recording, (n,) each.
+
+    yaw [rad]; rates of x, y [m/s] and yaw [rad/s]; good: samples that may be used; driven: samples
+    with a positive throttle.
+    """
 
     yaw: FloatArray
     dx: FloatArray
@@ -79,19 +84,19 @@ class _Turns:
 
 
 def reference_for(recording: Recording) -> Reference | None:
-    """Marker frame that is known without a fit; None where it is not.
+    """Return the marker frame that is known without a fit, None if there is none.
 
-    What the recording states itself, else for a published file the table by the UTC date.
+    It is that in the recording, else for a published file that of the table, by the UTC date.
     """
     if recording.marker is not None:
         return recording.marker
     if not recording.published:
         return None
-    return tabulated(recording)
+    return find_tabulated(recording)
 
 
-def tabulated(recording: Recording) -> Reference | None:
-    """The frame of DART's markers on the date of a recording; None outside the table."""
+def find_tabulated(recording: Recording) -> Reference | None:
+    """Return the frame of DART's markers on the date of a recording; None outside the table."""
     if recording.schema == "C":
         return Y_2025
     when = recording.when
@@ -101,7 +106,7 @@ def tabulated(recording: Recording) -> Reference | None:
 
 
 def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
-    """Fit the marker frame to driving; None where the recordings do not identify it.
+    """Fit the marker frame to the motion; return None if the recordings do not identify it.
 
     Pool the recordings of one mounting. With v and v_lat the velocity of the markers along and
     across the car (the measured yaw turned by theta) and a linear rear tyre:
@@ -113,7 +118,7 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
        Turn the frame by the correction and repeat.
     3. Standard errors by a jackknife over ten stretches, plus the error of the equation
        itself, SLIP_ERROR, at the typical radius of the turns.
-    4. Where an encoder counted, L_y by ``_across``.
+    4. If an encoder counted, fit L_y by ``_fit_lateral_offset``.
 
     The frame is identified by 2 s of turns to each side; one circle is collinear with theta.
     """
@@ -123,27 +128,27 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
         return None
     for _ in range(FRAME_ROUNDS):
         design, lateral = _equation(parts, theta)
-        if not _both_sides(design):
+        if not _turns_to_both_sides(design):
             return None
-        solution = _robust(design, lateral)
+        solution = _solve_robust(design, lateral)
         theta += float(np.arctan(solution[1]))
     std = _jackknife(design, lateral)
-    turning = _turning(design)
+    turning = _is_turning(design)
     radius = float(np.median(design[turning, 1] / np.abs(design[turning, 0])))
     lx = float(solution[0])
     lx_std = float(np.hypot(std[0], SLIP_ERROR * radius))
     if lx_std > max(MAX_ERROR, MAX_SHARE * abs(lx), MAX_SLIP * radius):
         return None
     theta = float((theta + np.pi) % (2.0 * np.pi) - np.pi)
-    ly, ly_std = _across(recordings, theta)
+    ly, ly_std = _fit_lateral_offset(recordings, theta)
     return Reference(lx, theta, ly, "fitted to these recordings",
                      (lx_std, float(np.hypot(std[1], SLIP_ERROR)), ly_std))
 
 
 def rolling_reference(recording: Recording) -> Reference:
-    """A frame that is good enough for speed and yaw rate, which do not depend on L_x.
+    """Return a frame for speed and yaw rate, which do not depend on L_x.
 
-    Known or fitted, else turned to the mean course with L_x = 0: v_y and the position of the
+    It is known or fitted, else turned to the mean course with L_x = 0: v_y and the position of the
     centre of mass are then not those of the car.
     """
     known = reference_for(recording) or fit_reference([recording])
@@ -154,20 +159,21 @@ def rolling_reference(recording: Recording) -> Reference:
 
 
 def difference(given: Reference, fitted: Reference) -> str:
-    """In which entries two frames differ by more than 3 standard errors; "" where they agree.
+    """Describe the entries in which two frames differ by more than 3 standard errors.
 
-    given: without standard errors it counts as exact.
+    Returns "" if they agree. given: exact if it has no standard errors.
     """
     if fitted.std is None:
         return ""
     found = []
     other = given.std or (0.0, 0.0, 0.0)
     angle = float((given.theta - fitted.theta + np.pi) % (2.0 * np.pi) - np.pi)
-    for name, unit, by, i in (("L_x", "m", given.lx - fitted.lx, 0), ("theta", "rad", angle, 1),
+    for name, unit, change, i in (("L_x", "m", given.lx - fitted.lx, 0), ("theta", "rad", angle, 1),
                               ("L_y", "m", given.ly - fitted.ly, 2)):
         error = float(np.hypot(fitted.std[i], np.nan_to_num(other[i])))
-        if np.isfinite(error) and abs(by) > MIN_DIFFERENT_STDS * error:
-            found.append(f"{name} by {by:+.4f} {unit} ({abs(by) / error:.1f} standard errors)")
+        if np.isfinite(error) and abs(change) > MIN_DIFFERENT_STDS * error:
+            found.append(f"{name} by {change:+.4f} {unit} "
+                         f"({abs(change) / error:.1f} standard errors)")
     return ", ".join(found)
 
 
@@ -179,10 +185,10 @@ def _turns(recording: Recording) -> _Turns:
 
 
 def _course(parts: Sequence[_Turns]) -> float | None:
-    """Mean angle [rad] of the course against the measured yaw; None where nothing moves.
+    """Return the mean angle [rad] from the measured yaw to the course; None without motion.
 
-    Samples under throttle count where there are any: a car that rolls backwards has its course
-    behind it.
+    Only samples with throttle are used if there are any: the course of a car that rolls backwards
+    is opposite to its yaw.
     """
     east = 0.0
     north = 0.0
@@ -201,7 +207,7 @@ def _course(parts: Sequence[_Turns]) -> float | None:
 
 
 def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatArray]:
-    """(design (n, 4): omega, v, v^2 omega, v d(omega)/dt; v_lat (n,)) of the usable samples."""
+    """Return the regressors (n, 4), omega, v, v^2 omega, v d(omega)/dt, and v_lat (n,)."""
     design = []
     lateral = []
     for part in parts:
@@ -216,22 +222,23 @@ def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatA
     return np.concatenate(design), np.concatenate(lateral)
 
 
-def _turning(design: FloatArray) -> BoolArray:
+def _is_turning(design: FloatArray) -> BoolArray:
     omega = design[:, 0]
     v = design[:, 1]
     return np.asarray((np.abs(omega) > TURNING_RATE) | (np.abs(v * omega) > TURNING_LATERAL))
 
 
-def _both_sides(design: FloatArray) -> bool:
-    left = _turning(design) & (design[:, 0] > 0.0)
-    right = _turning(design) & (design[:, 0] < 0.0)
+def _turns_to_both_sides(design: FloatArray) -> bool:
+    left = _is_turning(design) & (design[:, 0] > 0.0)
+    right = _is_turning(design) & (design[:, 0] < 0.0)
     return min(int(left.sum()), int(right.sum())) >= MIN_TURNING_SAMPLES
 
 
-def _robust(design: FloatArray, y: FloatArray) -> FloatArray:
-    """Least squares with a Cauchy loss: glitches of the tracker must not decide the fit.
+def _solve_robust(design: FloatArray, y: FloatArray) -> FloatArray:
+    """Solve least squares with a Cauchy loss, so that errors of the tracker have little weight.
 
-    Iteratively reweighted, weight 1 / (1 + (residual / limit)^2), limit 2 scatters.
+    Iteratively reweighted: weight 1 / (1 + (residual / limit)^2), limit 2 robust standard
+    deviations.
     """
     solution = np.linalg.lstsq(design, y, rcond=None)[0]
     for _ in range(REWEIGHTING_ROUNDS):
@@ -243,15 +250,19 @@ def _robust(design: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _jackknife(design: FloatArray, y: FloatArray) -> FloatArray:
-    """Standard errors of ``_robust`` from leaving out one of ten stretches at a time."""
+    """Return standard errors of ``_solve_robust`` by a jackknife over ten intervals.
+
+    With the solutions s_i without interval i: std^2 = (n - 1) / n sum (s_i - mean)^2.
+    """
     group = np.arange(len(y)) * JACKKNIFE_GROUPS // len(y)
-    parts = np.array([_robust(design[group != i], y[group != i]) for i in range(JACKKNIFE_GROUPS)])
+    parts = np.array([_solve_robust(design[group != i], y[group != i])
+                      for i in range(JACKKNIFE_GROUPS)])
     spread = ((parts - parts.mean(axis=0))**2).sum(axis=0)
     return np.asarray(np.sqrt((JACKKNIFE_GROUPS - 1) / JACKKNIFE_GROUPS * spread))
 
 
-def _across(recordings: Sequence[Recording], theta: float) -> tuple[float, float]:
-    """(L_y, standard error) [m]; (0, NaN) where no encoder identifies it.
+def _fit_lateral_offset(recordings: Sequence[Recording], theta: float) -> tuple[float, float]:
+    """Fit L_y; return it and its standard error [m], or (0, NaN) if it is not identified.
 
         v_long = s v_wheel - L_y omega      v_wheel > 0.3 m/s, |v_long omega| < 2 m/s2
 
@@ -268,26 +279,26 @@ def _across(recordings: Sequence[Recording], theta: float) -> tuple[float, float
         end = m.arrival / SAMPLE
         forward = np.cos(yaw) * g.dx + np.sin(yaw) * g.dy
         bad: FloatArray = g.bad.astype(np.float64)
-        v_long = _mean(forward, end)
-        omega = _mean(g.omega, end)
-        bad = _mean(bad, end)
+        v_long = _average(forward, end)
+        omega = _average(g.omega, end)
+        bad = _average(bad, end)
         use = ((bad == 0.0) & (m.speed > MIN_FIT_SPEED) & (np.abs(v_long * omega) < MAX_FIT_LATERAL)
                & (end > ENCODER_COUNT_SAMPLES) & (end < len(g.t) - 1))
         design.append(np.column_stack([m.speed, -omega])[use])
         along.append(v_long[use])
-    if sum(map(len, along)) < MIN_MESSAGES:
+    if sum(map(len, along)) < MIN_ENCODER_MESSAGES:
         return 0.0, float("nan")
     rows = np.concatenate(design)
     y = np.concatenate(along)
-    scale, ly = _robust(rows, y).tolist()
+    scale, ly = _solve_robust(rows, y).tolist()
     std = float(_jackknife(rows, y)[1])
     if scale < MIN_RATIO or std > MAX_ACROSS_ERROR:
         return 0.0, float("nan")
     return float(ly), float(np.hypot(std, SLIP_ERROR))
 
 
-def _mean(series: FloatArray, end: FloatArray) -> FloatArray:
-    """Mean of a series (n,) over the COUNTED samples before each end (m,)."""
+def _average(series: FloatArray, end: FloatArray) -> FloatArray:
+    """Average a series (n,) over the ENCODER_COUNT_SAMPLES before each end (m,)."""
     total = np.concatenate([[0.0], np.cumsum(0.5 * (series[1:] + series[:-1]))])
     sample = np.arange(len(total))
     here = np.interp(end, sample, total)

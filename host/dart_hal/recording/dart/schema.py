@@ -1,9 +1,10 @@
 """The three column sets of the DART recordings, by exact name.
 
-A: one row per 10 Hz sensor message. B: A plus motion capture, one row per
-100 Hz pose, the A columns held. C: resampled pose with commands, no encoder,
-no IMU. Order is free and further columns are ignored; a missing one that is
-used is refused.
+- A: one row per 10 Hz sensor message.
+- B: A and motion capture, one row per 100 Hz pose, with the last values of the A columns.
+- C: resampled pose with commands, no encoder, no IMU.
+
+The order is free and other columns are ignored. A file without a used column is refused.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ DERIVED_C = ("unwrapped yaw", "vx_abs_filtered", "vy_abs_filtered", "w", "ax_abs
 
 
 def split_header(line: str) -> list[str]:
-    """Column names of a header line; byte-order mark, quotes and blanks removed."""
+    """Return the column names of a header line, without byte-order mark, quotes and blanks."""
     return [cell.strip().strip('"').strip() for cell in line.lstrip("\ufeff").split(",")]
 
 
 def detect(columns: Sequence[str], file: str) -> str:
-    """"A", "B" or "C".
+    """Return the schema of the columns: "A", "B" or "C".
 
-    Errors: RecordingError when a used column is missing or one is there twice.
+    Errors: RecordingError if a used column is missing or a column occurs twice.
     """
     names = set(columns)
     twice = sorted({c for c in columns if c and columns.count(c) > 1})

@@ -1,4 +1,4 @@
-"""The 10 Hz sensor messages out of the rows: each once, gated, in segments."""
+"""Extract the 10 Hz sensor messages from the rows: each once, gated, in segments."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from .model import Messages, Note, freeze, freeze_flags, freeze_index
 from .schema import SENSOR_COLUMNS, SENSOR_TIME
 
-MAX_MESSAGE_GAP = 0.3  # s; no value is used for longer than this
-MIN_LOST_STEP = 0.14  # s; a step above this skipped a 10 Hz message
-CLOCK_BREAK = 1.0  # s; put between what lies before and after a step back of the clock
+# Longest time for which a value is used [s].
+MAX_MESSAGE_GAP = 0.3
+# Step above which a 10 Hz message is lost [s].
+MIN_LOST_STEP = 0.14
+# Gap that is inserted at a step back of the clock [s].
+CLOCK_BREAK = 1.0
 COMMAND_LIMIT = 1.0 + 1e-6
 
 
 def not_started(columns: dict[str, FloatArray], schema: str) -> BoolArray:
-    """Rows written before the first sensor message came."""
+    """Mark the rows that were written before the first sensor message."""
     if schema == "B":
         return np.asarray(columns[SENSOR_TIME] == 0.0)
     return np.asarray(np.all([columns[c] == 0.0 for c in SENSOR_COLUMNS], axis=0))
 
 
 def check_commands(columns: dict[str, FloatArray], file: str) -> None:
-    """Errors: RecordingError when a command leaves -1..1 or the gate is neither 0 nor 1."""
+    """Raise RecordingError if a command is outside -1..1, or the gate is neither 0 nor 1."""
     for name in ("throttle", "steering"):
         worst = float(np.max(np.abs(columns[name])))
         if worst > COMMAND_LIMIT:
@@ -41,10 +44,10 @@ def check_commands(columns: dict[str, FloatArray], file: str) -> None:
 
 
 def monotone(t: FloatArray) -> tuple[FloatArray, IntArray, int]:
-    """(advancing time, segment, steps back) of row times that may step back.
+    """Return (increasing time, segment, steps back) of row times that may step back.
 
-    What follows a step back is moved to 1 s after what came before it and gets
-    a new segment: sorting would shuffle two runs into each other.
+    Rows after a step back are moved to 1 s after the row before it and get a new segment: sorting
+    would mix two runs.
     """
     step = np.diff(t)
     back = step < 0.0
@@ -56,14 +59,14 @@ def monotone(t: FloatArray) -> tuple[FloatArray, IntArray, int]:
 
 def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
              ) -> tuple[Messages, list[Note]]:
-    """Messages of schema A or B out of rows of which none precedes the first message.
+    """Extract the messages of schema A or B; no row precedes the first message.
 
     arrival (rows,) s: mocap stamp of each row, None for schema A.
     """
     stamp = columns[SENSOR_TIME]
     fresh = np.concatenate([[True], np.diff(stamp) != 0.0])
-    kept = {c: columns[c][fresh] for c in SENSOR_COLUMNS}
-    t, segment, back = monotone(kept[SENSOR_TIME])
+    used = {c: columns[c][fresh] for c in SENSOR_COLUMNS}
+    t, segment, back = monotone(used[SENSOR_TIME])
     notes = []
     if not fresh.all():
         why = ("held copies of the last sensor message" if arrival is not None
@@ -82,19 +85,19 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
     if gaps:
         notes.append(Note(f"{gaps} gap(s) above 0.3 s between sensor messages: cut there",
                           kind="message_gap"))
-    gate = kept["safety_value"] == 1.0
-    notes += gate_note(kept["throttle"], gate)
+    gate = used["safety_value"] == 1.0
+    notes += gate_note(used["throttle"], gate)
     return Messages(
         t=freeze(t), arrival=freeze(t if arrival is None else arrival[fresh]),
-        segment=freeze_index(segment), throttle=freeze(np.where(gate, kept["throttle"], 0.0)),
-        throttle_raw=freeze(kept["throttle"]), steering=freeze(kept["steering"]),
-        gate=freeze_flags(gate), speed=freeze(kept["vel encoder"]),
-        yaw_rate=freeze(kept["W (IMU)"]), accel_x=freeze(kept["acc x (IMU)"]),
-        accel_y=freeze(kept["acc y (IMU)"])), notes
+        segment=freeze_index(segment), throttle=freeze(np.where(gate, used["throttle"], 0.0)),
+        throttle_raw=freeze(used["throttle"]), steering=freeze(used["steering"]),
+        gate=freeze_flags(gate), speed=freeze(used["vel encoder"]),
+        yaw_rate=freeze(used["W (IMU)"]), accel_x=freeze(used["acc x (IMU)"]),
+        accel_y=freeze(used["acc y (IMU)"])), notes
 
 
 def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messages, list[Note]]:
-    """Messages of schema C: commands at the mocap rows, sensors NaN. t (rows,) s, advancing."""
+    """Return the messages of schema C: commands at the rows, sensors NaN; t (rows,) s."""
     gate = columns["safety_value"] == 1.0
     nan = freeze(np.full(len(t), np.nan))
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > MAX_MESSAGE_GAP)])
@@ -107,7 +110,7 @@ def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messag
 
 
 def gate_note(throttle: FloatArray, gate: BoolArray) -> list[Note]:
-    """Says how many throttle values were logged while the car was not allowed to drive."""
+    """Return a note with the number of throttle values logged while the gate was closed."""
     rows = int(((throttle != 0.0) & ~gate).sum())
     note = Note("throttle set to 0 where the safety gate was closed", rows, "gate")
     return [note] if rows else []

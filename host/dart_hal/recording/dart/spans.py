@@ -1,4 +1,4 @@
-"""Stretches of a recording that may be judged, where others are held out."""
+"""Intervals of a recording that may be evaluated, if others are held out."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
 
-# (begin, end) [s] on the clock of the messages' arrival, in order of time; empty: all of it.
+# (begin, end) [s] on the clock of the messages' arrival, in order of time; empty: no limit.
 Spans = Sequence[tuple[float, float]]
 
 
 def span_index(spans: Spans, t: FloatArray) -> IntArray:
-    """Number of the span in which each time (n,) [s] lies; -1 outside of all."""
+    """Return the index of the span of each time (n,) [s]; -1 outside of all."""
     if not spans:
         return np.zeros(len(t), dtype=np.int64)
     begins = np.array([begin for begin, _ in spans])

@@ -1,4 +1,4 @@
-"""Whether the steering command has the sign of the turns it makes: + is to the left."""
+"""Sign of the steering command, compared with the turns: + is to the left."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from .marker import marker_grid
 from .model import Note, Recording
 
 MIN_SIGN_SPEED = 0.3  # m/s
-MIN_STEERING = 0.1  # of the command; less may be a trim
-# s from a command to the turn that answers it, tried one by one.
+# Smallest command that is used; a smaller one may be a trim.
+MIN_STEERING = 0.1
+# Delays from a command to the turn [s] that are tried.
 STEERING_LAGS = tuple(np.arange(0.0, 0.36, 0.05).tolist())
-# Correlation below which the sign is turned over; a car that follows its command reaches 0.7 to
-# 1, one that slides or is pushed stays near 0.
+# Correlation below which the sign is wrong. A car that follows its command has 0.7 to 1, one that
+# slides or is pushed about 0.
 MAX_REVERSED_CORRELATION = -0.6
 # Samples of 0.01 s, and messages of 0.1 s.
-MIN_ROWS = 200
-MIN_MESSAGES = 20
+MIN_TURNING_SAMPLES = 200
+MIN_TURNING_MESSAGES = 20
 
 
 def steering_note(recording: Recording) -> list[Note]:
-    """A caution where the car turns to the other side than its commands say, else nothing."""
-    found = follow(recording)
+    """Return a caution if the car turns to the other side than commanded, else nothing."""
+    found = correlate_steering(recording)
     if found is None or found > MAX_REVERSED_CORRELATION:
         return []
-    return [Note("caution: the car turns to the other side than the steering command says "
+    return [Note("caution: the car turns to the other side than commanded "
                  f"(correlation {found:.2f}): + is to the left; turn the column over (multiply "
                  "'steering' by -1)", kind="steering_reversed")]
 
@@ -50,10 +51,11 @@ def refuse_reversed_steering(recordings: Sequence[Recording]) -> None:
                    "[steering] needs sign = -1")
 
 
-def follow(recording: Recording) -> float | None:
-    """Correlation of command and curvature at the lag where it is largest; None: too few turns.
+def correlate_steering(recording: Recording) -> float | None:
+    """Return the largest correlation of command and curvature over the lags; None: few turns.
 
-    Both are about zero, so that a constant circle counts too.
+    The correlation sum(x y) / sqrt(sum(x^2) sum(y^2)) is about zero and not about the mean, so
+    that a constant circle counts, too.
     """
     try:
         t, command, curvature, least = _turns(recording)
@@ -65,7 +67,8 @@ def follow(recording: Recording) -> float | None:
         use = (np.abs(earlier) > MIN_STEERING) & np.isfinite(curvature)
         if int(use.sum()) < least:
             continue
-        x, y = earlier[use], curvature[use]
+        x = earlier[use]
+        y = curvature[use]
         size = float(np.sqrt((x @ x) * (y @ y)))
         found = float(x @ y) / size if size > 0.0 else 0.0
         best = found if best is None or abs(found) > abs(best) else best
@@ -73,7 +76,7 @@ def follow(recording: Recording) -> float | None:
 
 
 def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """(time, command, curvature [1/m], least number of rows); NaN where the car does not drive."""
+    """Return time, command, curvature [1/m] (NaN: not driving), and the least number of rows."""
     m = recording.messages
     if recording.mocap is not None:
         g = marker_grid(recording)
@@ -83,7 +86,7 @@ def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, in
         command = g.steering
         good = ~g.bad
         forward = np.interp(t, m.arrival, m.throttle) >= 0.0
-        least = MIN_ROWS
+        least = MIN_TURNING_SAMPLES
     else:
         speed = m.speed
         rate = m.yaw_rate
@@ -91,7 +94,7 @@ def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, in
         command = m.steering
         good = np.ones(len(t), dtype=np.bool_)
         forward = m.throttle >= 0.0
-        least = MIN_MESSAGES
+        least = MIN_TURNING_MESSAGES
     with np.errstate(invalid="ignore"):
         use = good & forward & (speed > MIN_SIGN_SPEED)
     curvature = np.where(use, rate / np.where(use, speed, 1.0), np.nan)

@@ -1,4 +1,4 @@
-"""Text of a recording -> header and one float table; every refusal names the line."""
+"""Parse the text of a recording into a header and a table of floats; errors name the line."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from dart_hal.recording.regular import check_regular
 from .schema import USED, detect, split_header
 
 GZIP = b"\x1f\x8b"
-MAX_BAD_SHARE = 0.05  # more unreadable rows than this: the file is damaged, not scratched
+# Share of unreadable rows above which a file is refused.
+MAX_BAD_SHARE = 0.05
 
 
 def read_content(path: Path) -> bytes:
-    """Uncompressed bytes of ``path``.
+    """Return the uncompressed bytes of ``path``.
 
     Errors: RecordingError for a missing file, a folder, a pipe or 0 bytes.
     """
@@ -56,8 +57,8 @@ def read_content(path: Path) -> bytes:
     return raw
 
 
-def text_of(raw: bytes, file: str) -> str:
-    """The text of a file. Errors: RecordingError for a binary one."""
+def decode_content(raw: bytes, file: str) -> str:
+    """Decode the text of a file. Errors: RecordingError for a binary one."""
     try:
         text = decode_text(raw)
         if "\x00" in text[:65536]:
@@ -70,15 +71,15 @@ def text_of(raw: bytes, file: str) -> str:
 
 
 def parse(path: Path) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]]:
-    """As ``parse_text``, of the file ``path``. Errors: also those of ``read_content``."""
-    return parse_text(text_of(read_content(path), str(path)), str(path))
+    """Parse a file by ``parse_text``. Errors: also those of ``read_content``."""
+    return parse_text(decode_content(read_content(path), str(path)), str(path))
 
 
 def parse_text(text: str, file: str
                ) -> tuple[str, dict[str, FloatArray], list[tuple[str, int]]]:
-    """(schema, columns by name, what was dropped as (reason, rows)) of the text of a recording.
+    """Return schema, columns by name and dropped (reason, rows) of the text of a recording.
 
-    Errors: RecordingError, naming the file and where possible the line.
+    Errors: RecordingError with the file and, if possible, the line.
     """
     head, _, body = text.partition("\n")
     names = split_header(head.rstrip("\r"))
@@ -100,9 +101,9 @@ def parse_text(text: str, file: str
 
 def _parse_by_line(body: str, names: Sequence[str], used: Sequence[str], file: str
                    ) -> tuple[FloatArray, list[tuple[str, int]]]:
-    """The slow way for a file with a scratch: says which line, forgives a cut-off last one.
+    """Parse a damaged file line by line, to name the line; drop an incomplete last line.
 
-    What stands in a column that nobody reads is of no account: NaN where it is no number.
+    Text in a column that is not used becomes NaN.
     """
     lines = [(i + 2, text) for i, text in enumerate(body.splitlines()) if text.strip()]
     rows: list[list[float]] = []
@@ -128,7 +129,7 @@ def _table(rows: list[list[float]], names: Sequence[str], file: str) -> FloatArr
 
 
 def _number(cell: str, name: str, line: int, file: str) -> float:
-    """An empty cell is a missing value (NaN); text is an error."""
+    """Return the number in a cell, NaN for an empty one. Errors: RecordingError for text."""
     text = cell.strip().strip('"').strip()
     if not text:
         return float("nan")
@@ -149,9 +150,9 @@ def _number_or_none(cell: str) -> float:
 
 def keep_finite(columns: dict[str, FloatArray], used: Sequence[str], file: str
                 ) -> tuple[dict[str, FloatArray], int]:
-    """Rows in which every used column is a finite number, and how many were not.
+    """Return the rows with finite numbers in all used columns, and the number of other rows.
 
-    Errors: RecordingError when more than 5 % of the rows are not.
+    Errors: RecordingError if these are more than 5 % of all rows.
     """
     finite = np.all([np.isfinite(columns[c]) for c in used], axis=0)
     bad = int((~finite).sum())

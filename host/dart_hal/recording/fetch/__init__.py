@@ -1,4 +1,4 @@
-"""The published recordings of DART: where they are kept, and how they are brought there."""
+"""The published recordings of DART: data folder and download."""
 
 from __future__ import annotations
 

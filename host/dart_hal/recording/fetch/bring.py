@@ -1,7 +1,7 @@
-"""Bring the published recordings into a folder, each checked against its SHA-256 by pooch.
+"""Download the published recordings; pooch checks each against its SHA-256.
 
-What is there and right is left alone, so a run that was stopped goes on where
-it was; a wrong file is refused and never kept.
+Complete files are not downloaded again, so an interrupted download resumes. A wrong file is refused
+and not kept.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ARCHIVES = (".zip", ".tar.gz", ".tgz", ".tar")
 
 @dataclass(frozen=True, slots=True)
 class RefusedFile:
-    """A file that came but is not the published one."""
+    """A received file that is not the published one."""
 
     path: str
     where: str
@@ -35,7 +35,7 @@ class RefusedFile:
 
 @dataclass(slots=True)
 class FetchOutcome:
-    """What a fetch did. Lists hold paths of the published list."""
+    """Result of a download. Lists have paths of the published list."""
 
     to: Path
     files: int
@@ -48,28 +48,28 @@ class FetchOutcome:
 
     @property
     def complete(self) -> bool:
-        """Every published file is there and right."""
+        """Whether all published files are complete."""
         return len(self.present) + len(self.fetched) == self.files
 
     def to_json(self) -> dict[str, Any]:
-        """The object of ``data fetch --json``."""
+        """Return the object of ``data fetch --json``."""
         return {**asdict(self), "to": str(self.to), "complete": self.complete,
                 "present": len(self.present)}
 
 
 def _quiet(done: int, total: int, name: str) -> None:
-    """No progress shown."""
+    """Show no progress."""
 
 
 def fetch(source: str | None = None, to: str | Path | None = None, *,
           registry: Mapping[str, str] | None = None, progress: Progress = _quiet) -> FetchOutcome:
-    """Complete ``to`` (default ``data_folder()``) from ``source``.
+    """Download the missing files into the folder ``to`` (default ``data_folder()``).
 
     source: a folder of any layout, an archive (.zip, .tar.gz) or the address
     of one, a base address; None = the repository at the listed commit.
-    registry: SHA-256 by path, default: the published set. progress(done, in all,
-    name): files, or bytes of an archive. Errors: FetchFailed when the source
-    cannot be had, or holds none of the files that lack.
+    registry: SHA-256 by path, default: the published set. progress(done, total,
+    name): files, or bytes of an archive. Errors: FetchFailed if the source is not available, or
+    has none of the missing files.
     """
     import pooch
 
@@ -77,7 +77,7 @@ def fetch(source: str | None = None, to: str | Path | None = None, *,
     target = Path(to) if to is not None else data_folder()
     store = pooch.Pooch(target, "", registry=dict(registry or load()))
     outcome = FetchOutcome(target, len(store.registry))
-    progress(0, outcome.files, "checking what is there")
+    progress(0, outcome.files, "checking the present files")
     outcome.present = [path for path, known in store.registry.items()
                        if (target / path).is_file() and pooch.file_hash(target / path) == known]
     left = [path for path in store.registry if path not in outcome.present]
@@ -94,18 +94,19 @@ def fetch(source: str | None = None, to: str | Path | None = None, *,
                     break
     finally:
         if fresh and not outcome.fetched:
-            shutil.rmtree(target, ignore_errors=True)  # an empty folder would pass for a full one
+            # An empty data folder would count as one with recordings.
+            shutil.rmtree(target, ignore_errors=True)
     outcome.refused = [r for r in outcome.refused if r.path in left]
     outcome.missing = [path for path in left if path not in {r.path for r in outcome.refused}]
     if left and not (outcome.fetched or outcome.present):
         raise _nothing_found(outcome)
     if outcome.fetched and not (target / "LICENSE").exists():
-        shutil.copyfile(NOTICE, target / "LICENSE")  # which asks to stay with every copy
+        shutil.copyfile(NOTICE, target / "LICENSE")  # it must accompany every copy
     return outcome
 
 
 def _take(path: str, source: Web | Local, store: Any, outcome: FetchOutcome) -> None:
-    """One file, whole or not at all; another one of its name is kept as ``NAME.old``."""
+    """Download one file completely or not at all; keep another one as ``NAME.old``."""
     received = b""
 
     def download_file(url: str, destination: str, store: Any) -> None:
@@ -131,7 +132,7 @@ def _take(path: str, source: Web | Local, store: Any, outcome: FetchOutcome) -> 
 
 
 def _describe(data: bytes, known: str) -> str:
-    """What came instead, for the message."""
+    """Describe a wrong file, for the message."""
     if data.lstrip()[:1] == b"<":
         return "a web page"
     return f"{len(data)} bytes of SHA-256 {sha256(data).hexdigest()[:12]}..., not {known[:12]}..."
@@ -139,7 +140,7 @@ def _describe(data: bytes, known: str) -> str:
 
 def _sources(source: str | None, registry: Mapping[str, str], scratch: Path, progress: Progress
              ) -> Iterator[Web | Local]:
-    """Where to look, in turn until nothing is missing."""
+    """Yield the sources, to be tried in turn until no file is missing."""
     if source is None:
         yield Web(RAW_URL)
         yield _from_archive(ARCHIVE_URL, registry, scratch, progress)

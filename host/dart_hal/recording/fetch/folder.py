@@ -1,4 +1,4 @@
-"""Where the recordings of this user are: ``$DART_DATA``, else a folder of dart-hal."""
+"""Data folder of this user: ``$DART_DATA``, else a folder of dart-hal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dart_hal.core.errors import RecordingError
 
 
 def data_folder() -> Path:
-    """``$DART_DATA`` if set, else ``~/.local/share/dart-hal/recordings``; it need not exist."""
+    """Return ``$DART_DATA`` if set, else ``~/.local/share/dart-hal/recordings``."""
     named = os.environ.get("DART_DATA")
     if named:
         return Path(named).expanduser()
@@ -19,11 +19,10 @@ def data_folder() -> Path:
 
 
 def find(paths: Iterable[str | Path]) -> list[Path]:
-    """Each path as it is, or within ``data_folder()`` when it exists only there.
+    """Return each path unchanged, or within ``data_folder()`` if it exists only there.
 
-    So ``19_step_input_data`` names that folder of the published set. No path
-    at all means the whole data folder. Errors: RecordingError, with what to
-    type, when there is neither a path nor such a folder.
+    So ``19_step_input_data`` names that folder of the published set. Without paths, return the data
+    folder. Errors: RecordingError if there is neither a path nor a data folder.
     """
     given = [Path(p) for p in paths]
     home = data_folder()

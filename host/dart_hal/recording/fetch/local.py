@@ -25,16 +25,16 @@ from dart_hal.recording.expansion import (
 
 RECORDING_SUFFIXES = (".csv", ".csv.gz")
 GZIP_SUFFIX = ".gz"
-MAX_FILE_SIZE = 1 << 28  # bytes; no recording is that long, so it is not read
+MAX_FILE_SIZE = 1 << 28  # bytes; larger files are no recordings and not read
 _OPENERS: dict[bytes, Callable[[IO[bytes]], IO[bytes]]] = {
     b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}  # type: ignore[dict-item]
 
 
 class Local:
-    """A downloader for pooch that copies out of a folder or an archive.
+    """A downloader for pooch that copies from a folder or an archive.
 
-    registry: SHA-256 by path. A file is found by its checksum, else by its name
-    (which pooch then refuses). Errors: FetchFailed when an archive is damaged.
+    registry: SHA-256 by path. A file is found by its checksum, else by its name (pooch then refuses
+    it). Errors: FetchFailed for a damaged archive.
     """
 
     def __init__(self, path: Path, name: str, registry: Mapping[str, str]) -> None:
@@ -73,7 +73,7 @@ class Local:
                               remedy="download it again") from err
 
     def __call__(self, path: str, destination: str, store: Any) -> None:
-        """Write the file of that path to ``destination``. Raises LookupError when there is none."""
+        """Write the file of a path to ``destination``. Raises LookupError if there is none."""
         key = store.registry[path]
         self.where, content = self._found[key if key in self._found else _base(path)]
         Path(destination).write_bytes(content)
@@ -84,7 +84,7 @@ def _base(name: str) -> str:
 
 
 def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
-    """(name, bytes) of every file below a folder, or in an archive, that may be a recording."""
+    """Yield (name, bytes) of each possible recording below a folder or in an archive."""
     if path.is_dir():
         for file in sorted(path.rglob("*")):
             if (file.name.endswith(RECORDING_SUFFIXES) and file.is_file()
@@ -109,7 +109,7 @@ def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _open_tar(file: IO[bytes], length: int) -> IO[bytes]:
-    """The tar archive in a file, packed by gzip, bzip2, xz or not at all."""
+    """Open a tar archive that is packed by gzip, bzip2, xz or not at all."""
     magic = file.read(6)
     file.seek(0)
     for start, opener in _OPENERS.items():
@@ -119,7 +119,7 @@ def _open_tar(file: IO[bytes], length: int) -> IO[bytes]:
 
 
 def _content(entry: str, data: bytes, rest: float) -> bytes:
-    """Unpacked bytes, at most ``rest``; a damaged pack gives what it is, which no checksum fits."""
+    """Unpack at most ``rest`` bytes; return a damaged pack unchanged, its checksum is wrong."""
     if entry.endswith(GZIP_SUFFIX):
         try:
             return expand_gzip(data, int(min(rest, expansion_limit(len(data)))))

@@ -17,7 +17,7 @@ Progress = Callable[[int, int, str], None]
 
 
 class Web:
-    """A downloader for pooch below a base address; each root is tried, the last one first."""
+    """A downloader for pooch below a base address; it first tries the last successful root."""
 
     def __init__(self, base: str) -> None:
         self.name = self.where = base.rstrip("/")
@@ -31,7 +31,8 @@ class Web:
         for root in self._roots:
             self.where = "/".join(p for p in (self.name, quote(root), quote(path)) if p)
             if download(self.where, destination):
-                self._roots.sort(key=lambda r: r != root)  # stable: it alone moves to the front
+                # The sort is stable: only this root moves, to the front.
+                self._roots.sort(key=lambda r: r != root)
                 return
         raise LookupError(path)
 
@@ -52,13 +53,13 @@ class _Bar:
         self._done = 0
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing: the bar has no resources."""
 
 
 def download(url: str, destination: str | Path, progress: Progress | None = None) -> bool:
-    """Download ``url`` to a file; return False when the server has no such file.
+    """Download ``url`` to a file; return False if the server has no such file.
 
-    progress(bytes done, bytes in all, name). Errors: FetchFailed.
+    progress(bytes done, total bytes, name). Errors: FetchFailed.
     """
     import pooch
 
@@ -67,7 +68,7 @@ def download(url: str, destination: str | Path, progress: Progress | None = None
                                    headers={"User-Agent": "dart-hal"})
     try:
         fetcher(url, str(destination), None)
-    except OSError as err:  # what requests raises is one
+    except OSError as err:  # the base class of the errors of requests
         answer = getattr(err, "response", None)
         if answer is not None and answer.status_code in ABSENT_STATUS:
             return False
