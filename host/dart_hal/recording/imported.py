@@ -48,7 +48,7 @@ from dart_hal.recording.mcap_records import (
     McapFile,
     read_mcap,
 )
-from dart_hal.recording.run_file import mcap_writer
+from dart_hal.recording.run_file import make_mcap_writer
 from dart_hal.recording.schemas import definition
 
 CAR_FILE = "car.toml"
@@ -113,7 +113,7 @@ def write_imported(data: ImportedData, path: Path) -> None:
             "marker": None if marker is None else marker.to_json()}
     try:
         with partial.open("wb") as file:
-            writer = mcap_writer(file)
+            writer = make_mcap_writer(file)
             kind = writer.register_schema(KIND, "ros2msg", definition(KIND))
             writer.add_attachment(zero, zero, IMPORT_NOTE, JSON, json.dumps(note).encode())
             if data.car is not None:

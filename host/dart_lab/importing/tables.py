@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
-from dart_hal.recording.dart.table import read_content, text_of
+from dart_hal.recording.dart.table import decode_content, read_content
 
 # Separators of columns, in the order in which they are tried.
 DELIMITERS = (",", ";", "\t", "|", " ")
@@ -95,7 +95,7 @@ def read_csv(path: Path) -> Table:
     is not a comma. Raises RecordingError, which names the line.
     """
     content = read_content(path)
-    text = text_of(content, str(path)).lstrip("\ufeff")
+    text = decode_content(content, str(path)).lstrip("\ufeff")
     digest = hashlib.sha256(content).hexdigest()
     lines = text.splitlines()
     # Lines of comments before the table, as "# t, x, y"; the last of them may be the header.
