@@ -7,8 +7,8 @@ from types import TracebackType
 
 from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.decoder import FrameDecoder
+from dart_hal.wire.frame import WireFrame
 from dart_lab.sim.eeprom import make_eeprom
 from dart_lab.sim.ring import GEAR_REVOLUTION, even_ring
 
@@ -25,7 +25,7 @@ class BareNano:
     def __init__(self, edges: tuple[int, int] = (20, 0),
                  params: Mapping[str, int] | None = None, clock_error: float = 0.0) -> None:
         self.nano = EmulatedNano(eeprom=make_eeprom(1, params), clock_error=clock_error)
-        self.decoder = Decoder(UP)
+        self.decoder = FrameDecoder(UP)
         self.bytes = 0
         for ring, n in enumerate(edges):
             self.nano.set_ring(ring, even_ring(n).edges)
@@ -41,9 +41,9 @@ class BareNano:
         """Turn the main gear as it turns at that speed of the car [m/s]."""
         self.nano.set_wheel(metres_per_second / GEAR_REVOLUTION)
 
-    def run(self, seconds: float, tick: float = 0.01) -> list[tuple[Frame, float]]:
+    def run(self, seconds: float, tick: float = 0.01) -> list[tuple[WireFrame, float]]:
         """Frames of the next ``seconds`` with the times of their last stop bits [s]."""
-        frames: list[tuple[Frame, float]] = []
+        frames: list[tuple[WireFrame, float]] = []
         nano, begin = self.nano, self.nano.now
         for k in range(1, max(1, round(seconds / tick)) + 1):
             running = True

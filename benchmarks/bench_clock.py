@@ -8,7 +8,7 @@ from figures import Figure
 from dart_hal.car import Car
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import TICKS_PER_SECOND, TIME_PING, TIME_PONG
 from dart_lab.sim.hidden import hidden_car
 
@@ -45,7 +45,7 @@ def tick_zero() -> float:
     """
     backend = open_backend(URL)
     try:
-        decoder, scale = Decoder(UP), 1.0 + hidden_car(SEED).clock_error
+        decoder, scale = FrameDecoder(UP), 1.0 + hidden_car(SEED).clock_error
         backend.clock.sleep(1.0)
         backend.link.write(encode(TIME_PING, 0, (1, 0)))
         while True:

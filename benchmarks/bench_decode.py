@@ -15,7 +15,7 @@ from typing import NamedTuple
 from figures import Figure, best_cpu
 
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import BY_ID
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "wire"))
@@ -71,7 +71,7 @@ def _best(decode: Callable[[], int], expected: int) -> float:
 
 
 def _live(reads: list[bytes]) -> int:
-    decoder, count = Decoder(UP), 0
+    decoder, count = FrameDecoder(UP), 0
     for read in reads:
         for frame in decoder.feed(read):
             frame.values()

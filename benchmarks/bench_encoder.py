@@ -9,7 +9,7 @@ from figures import Figure
 
 from dart_hal.car import Car
 from dart_hal.estimation import ClockFit, FrameReader, WheelSpeed
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.messages import STATE
 from dart_lab.sim.ring import GEAR_REVOLUTION
 
@@ -54,7 +54,7 @@ def count(rates: list[float], seconds: float, edges: tuple[int, int],
     return given, counted
 
 
-def _last_state(frames: list[tuple[Frame, float]]) -> dict[str, int]:
+def _last_state(frames: list[tuple[WireFrame, float]]) -> dict[str, int]:
     return next(f for f, _ in reversed(frames) if f.message is STATE).as_dict()
 
 

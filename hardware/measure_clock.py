@@ -24,7 +24,7 @@ from dart_hal.devices.actuation.pca9685 import Pca9685
 from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import BEAT_MODES, CAPTURE_REQ, HEARTBEAT
 
 PERIODS = 1000
@@ -81,7 +81,7 @@ class Heart:
 def periods(backend: Backend) -> tuple[float, float, float]:
     """Ticks of the Nano in one PWM period, seconds of ours in one tick, and the relative
     standard error of that. Raises LinkLost."""
-    decoder, pairs, asked, heart = Decoder(), [], False, Heart(backend)
+    decoder, pairs, asked, heart = FrameDecoder(), [], False, Heart(backend)
     period, wraps = None, 0
     end = backend.clock.now() + PERIODS * 0.02 + PATIENCE
     while period is None and backend.clock.now() < end:

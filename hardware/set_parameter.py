@@ -17,7 +17,7 @@ import sys
 from dart_hal.core.errors import DartHalError, LinkLost, UsageError
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import PARAM_BY_NAME, PARAM_SET, PARAM_STATUS, Param
 from dart_lab.sim.cutoff import CUTOFFS
 
@@ -51,7 +51,7 @@ def wanted(name: str, value: str) -> tuple[Param, int]:
 
 def write(backend: Backend, param: Param, value: int) -> int:
     """Ask until the Nano confirms that it is stored; the value. Raises LinkLost, UsageError."""
-    decoder = Decoder()
+    decoder = FrameDecoder()
     ready = backend.clock.now() + BOOT
     for seq in range(TRIES):
         until = ready if seq == 0 else backend.clock.now() + ANSWER

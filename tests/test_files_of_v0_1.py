@@ -78,7 +78,7 @@ def test_a_board_keeps_its_name_and_parameters():
 def test_the_firmware_starts_from_that_eeprom():
     from dart_hal.devices.links import bridge
     from dart_hal.devices.links.emulator import EmulatedNano
-    from dart_hal.wire.decoder import Decoder
+    from dart_hal.wire.decoder import FrameDecoder
     from dart_hal.wire.messages import HELLO
 
     try:
@@ -89,7 +89,7 @@ def test_the_firmware_starts_from_that_eeprom():
     nano = EmulatedNano(eeprom=image)
     while nano.run(2.0):
         pass
-    frames = Decoder().feed(b"".join(data for data, _ in nano.read()))
+    frames = FrameDecoder().feed(b"".join(data for data, _ in nano.read()))
     hello = next(f.as_dict() for f in frames if f.message is HELLO)
     assert hello["board_id"] == BOARD
     assert parse_eeprom(nano.eeprom)[1] == parse_eeprom(image)[1]

@@ -14,7 +14,7 @@ from dart_hal.core.errors import NotArmed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.codec import DOWN
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_lab.sim.motion import MeanMotion
 from dart_lab.sim.truth import world_of
 from tests.common import MOCK_URL
@@ -137,7 +137,7 @@ def test_one_lost_frame_restarts_the_time_of_a_good_link(lab):
 
 def downward(car: Car) -> list[tuple[float, str, dict]]:
     """(time, message, values) of all that goes to the Nano from now on."""
-    decoder = Decoder(DOWN)
+    decoder = FrameDecoder(DOWN)
     sent = []
 
     def hook(direction: str, data: bytes, t: float) -> bytes:

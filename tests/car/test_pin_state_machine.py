@@ -30,7 +30,7 @@ from dart_hal.devices.actuation import Event
 from dart_hal.devices.actuation.plan import Planner
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO
 from dart_lab.sim.truth import world_of
 
@@ -255,7 +255,7 @@ class PinMachine(RuleBasedStateMachine):
         if t < (self.deaf_until if direction == "rx" else self.mute_until):
             return b""
         if direction == "rx" and t < self.no_hello_until:
-            frames = Decoder(UP).feed(data)
+            frames = FrameDecoder(UP).feed(data)
             return b"" if any(f.message is HELLO for f in frames) else data
         return data
 

@@ -14,7 +14,7 @@ from dart_hal.car.reconnect import RETRY_TIME, SCAN_INTERVAL, BoardSearch
 from dart_hal.devices.links import serial_port
 from dart_hal.devices.links.serial_port import candidates
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO
 from tests.wire.wire_samples import random_values
 
@@ -33,7 +33,7 @@ class Port:
 
     def hello(self, board: int) -> bytes:
         any_hello = encode(HELLO, 0, random_values(HELLO, random.Random(1)))
-        values = Decoder(UP).feed(any_hello)[0].as_dict()
+        values = FrameDecoder(UP).feed(any_hello)[0].as_dict()
         frame = encode(HELLO, 0, {**values, "board_id": board})
         os.write(self.master, frame)
         return frame

@@ -13,7 +13,7 @@ import pytest
 from dart_hal.cli import find
 from dart_hal.devices.links import attached, computers
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO
 from tests.wire.wire_samples import random_values
 
@@ -65,7 +65,7 @@ class Far:
 @pytest.fixture
 def nano():
     any_hello = encode(HELLO, 0, random_values(HELLO, random.Random(1)))
-    values = {**Decoder(UP).feed(any_hello)[0].as_dict(), "board_id": 0xDA27}
+    values = {**FrameDecoder(UP).feed(any_hello)[0].as_dict(), "board_id": 0xDA27}
     far = Far(encode(HELLO, 0, values))
     yield far.device
     far.close()

@@ -13,7 +13,7 @@ from dart_hal.core.ports import Chunk
 from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO, STATE, STATE_FLAGS
 from dart_lab.sim.truth import world_of
 from tests.common import MOCK_URL
@@ -25,7 +25,7 @@ class Rewritten:
     """A link on whose way up frames are changed by ``change(message, values) -> values``."""
 
     def __init__(self, link, change):
-        self._link, self._change, self._decoder = link, change, Decoder(UP)
+        self._link, self._change, self._decoder = link, change, FrameDecoder(UP)
 
     def __getattr__(self, name):
         return getattr(self._link, name)

@@ -10,7 +10,7 @@ from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import LinkLost
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE
 from dart_lab.sim.truth import world_of
 
@@ -53,7 +53,7 @@ class Clean:
     """What the Nano really sent: every frame, by its unwrapped number."""
 
     def __init__(self, seq: int) -> None:
-        self.seq, self.frames, self._decoder = seq, {}, Decoder(UP)
+        self.seq, self.frames, self._decoder = seq, {}, FrameDecoder(UP)
 
     def feed(self, data: bytes) -> None:
         for frame in self._decoder.feed(data):

@@ -12,7 +12,7 @@ from serial import SerialException
 from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.devices.links.image import BOOTLOADER, load_image
 from dart_hal.devices.links.pty import Pty
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 
 pytestmark = pytest.mark.emulator
 
@@ -47,7 +47,7 @@ def test_avrdude_programs_the_firmware_and_it_sends_hello(firmware):
     with EmulatedNano(b"", bootloader=True) as nano, Pty(nano) as pty:
         done = flash(pty.path, firmware.with_suffix(".hex"))
         assert done.returncode == 0, done.stderr
-        decoder = Decoder()
+        decoder = FrameDecoder()
         names = []
         with serial.Serial(pty.path, 500_000, timeout=5) as ser:
             while len(names) < 300:

@@ -9,7 +9,7 @@ from dart_hal.core.clock_fit import LATCH_DELAY
 from dart_hal.core.errors import DartHalError
 from dart_hal.recording.run import RunReader
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_lab.sim.hidden import hidden_car
 
 pytestmark = pytest.mark.emulator
@@ -32,7 +32,7 @@ def run(tmp_path_factory):
     except DartHalError as why:
         pytest.skip(f"no emulator: {why.what}")
     scale = 1.0 + hidden_car(SEED).clock_error
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     ticks = []
     zeros = []
     for chunk in RunReader(path).chunks():

@@ -13,7 +13,7 @@ import pytest
 
 from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.wire import codec, messages
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 BOARD_ID = 0x0DA27001
@@ -80,7 +80,7 @@ class Rig:
         self.nano = EmulatedNano(image, eeprom=eeprom_image() if eeprom is None else eeprom,
                                  **options)
         self.nano.set_ring(0, MARKS)
-        self.decoder = Decoder()
+        self.decoder = FrameDecoder()
         self.frames: list[tuple[float, str, dict[str, Any]]] = []
         self.raw = b""
         self.seq = 0

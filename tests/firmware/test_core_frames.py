@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.wire import codec, messages
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 
 FRAME_VECTORS = json.loads((Path(__file__).parents[1] / "wire/vectors.json").read_text())
 FIXED = [m for m in messages.MESSAGES if not m.variable]
@@ -109,7 +109,7 @@ def test_mutated_streams_cost_only_what_was_hit(core: c.CDLL, sent: list[message
         else:
             stream.insert(at, stream[at])
     # Python's decoder repairs delimiters, the Nano's does not: never more than it.
-    python = Decoder().feed(bytes(stream) + b"\0")
+    python = FrameDecoder().feed(bytes(stream) + b"\0")
     found, _ = parse(core, bytes(stream) + b"\0")
     accepted = [(f.message.id, f.seq, f.payload) for f in python]
     assert all(f in accepted for f in found)

@@ -11,7 +11,7 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO
 
 
@@ -94,7 +94,7 @@ def test_when_the_pings_had_left(run_file):
 
 
 def hellos(backend):
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     frames = [f for c, _ in drain(backend, 1.0) for f in decoder.feed(c.data)]
     assert decoder.counters.gaps == 0
     return [f.message.id == HELLO.id for f in frames]

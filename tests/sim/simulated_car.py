@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_lab.sim.truth import world_of
 
 
@@ -14,7 +14,7 @@ class RawCar:
     def __init__(self, url: str, slice_s: float = 0.01):
         self.backend = open_backend(url)
         self.world = world_of(self.backend)
-        self.decoder = Decoder(UP)
+        self.decoder = FrameDecoder(UP)
         self.frames = []
         self.raw = bytearray()
         self.stamps = []

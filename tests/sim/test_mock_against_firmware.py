@@ -16,7 +16,7 @@ import pytest
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_lab.sim.eeprom import make_eeprom
 from dart_lab.sim.mock_nano import MockNano
 from dart_lab.sim.ring import uneven_ring
@@ -33,7 +33,7 @@ def scenario(nano):
     import numpy as np
 
     nano.set_ring(0, uneven_ring(20, np.random.default_rng(3)).edges)
-    decoder, frames = Decoder(UP), []
+    decoder, frames = FrameDecoder(UP), []
     requests = sorted(REQUESTS.items())
     for tick in range(int(SECONDS * 1000)):
         t = tick * 1e-3

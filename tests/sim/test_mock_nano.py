@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_lab.sim.mock_nano import LATCH_TO_UART, MockNano
 from dart_lab.sim.mock_supervisor import MockSupervisor, OutputState
 
@@ -18,7 +18,7 @@ class Talk:
 
     def __init__(self, **options):
         self.nano = MockNano(**options)
-        self.decoder = Decoder(UP)
+        self.decoder = FrameDecoder(UP)
         self.frames, self.ends = [], []
         self.seq = 0
 

@@ -26,8 +26,8 @@ from dart_hal.car.car import Car
 from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.decoder import FrameDecoder
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.ledger import MASK32, T_CK, parse_boot
 from dart_hal.wire.messages import HELLO, STATE
 from dart_lab.sim.failure_kinds import FAILURE_KINDS
@@ -135,7 +135,7 @@ class Account:
     """
 
     def __init__(self, read: Reader, report: Report) -> None:
-        self._read, self._report, self._before = read, report, Decoder(UP)
+        self._read, self._report, self._before = read, report, FrameDecoder(UP)
         self._way: deque[tuple[tuple[int, int, bytes], int, bool]] = deque()
         self._seq = -1
         self._t = 0
@@ -155,7 +155,7 @@ class Account:
                 self._way.append((_name(frame), step, restarted))
         return chunks
 
-    def _boots(self, frame: Frame) -> bool:
+    def _boots(self, frame: WireFrame) -> bool:
         """The first HELLO of another boot, or STATE: its clock went back."""
         if frame.message is HELLO:
             known = self._boot
@@ -166,13 +166,13 @@ class Account:
         before, (self._t,) = self._t, T_CK.unpack_from(frame.payload)
         return self._t - before & MASK32 > MASK32 // 2
 
-    def attach(self, decoder: Decoder) -> None:
+    def attach(self, decoder: FrameDecoder) -> None:
         """Look at what this decoder takes from now on."""
         self._feed = decoder.feed
         self._counters = decoder.counters
         decoder.feed = self.feed  # type: ignore[method-assign]
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[WireFrame]:
         """The host's decoder, behind the line; its account must be this one."""
         gaps = self._counters.gaps
         restarted = self._counters.rebased
@@ -189,7 +189,7 @@ class Account:
         """What is read from now on is not counted."""
         return self._read
 
-    def _take(self, frame: Frame) -> tuple[int, int]:
+    def _take(self, frame: WireFrame) -> tuple[int, int]:
         """Numbers passed over until this frame, which must have been sent, and new boots."""
         passed = boots = 0
         while self._way:
@@ -207,7 +207,7 @@ class Account:
         return sum(step for _, step, _ in self._way)
 
 
-def _name(frame: Frame) -> tuple[int, int, bytes]:
+def _name(frame: WireFrame) -> tuple[int, int, bytes]:
     return frame.message.id, frame.seq, frame.payload
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from dart_hal.wire import blocks, cobs
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.crc import crc16
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import BY_NAME, MAX_BLOCK, MESSAGES, STATE
 from tests.wire import wire_samples as samples
 
@@ -46,7 +46,7 @@ def damaged_streams(draw):
 
 
 def whole(stream):
-    decoder = Decoder()
+    decoder = FrameDecoder()
     return decoder.feed(stream), decoder.counters
 
 
@@ -66,7 +66,7 @@ def test_every_message_comes_back(message_values, seq):
 @given(damaged_streams(), st.lists(st.integers(1, 90), min_size=1, max_size=30))
 def test_cutting_the_stream_changes_nothing(stream, cuts):
     frames, counters = whole(stream)
-    decoder = Decoder()
+    decoder = FrameDecoder()
     got = []
     at = 0
     i = 0
@@ -80,7 +80,7 @@ def test_cutting_the_stream_changes_nothing(stream, cuts):
 
 @given(damaged_streams())
 def test_a_frame_comes_with_its_delimiter_and_not_before(stream):
-    decoder = Decoder()
+    decoder = FrameDecoder()
     for at in range(len(stream)):
         for frame in decoder.feed(stream[at:at + 1]):
             if frame.end != at + 1:
@@ -92,7 +92,7 @@ def test_a_frame_comes_with_its_delimiter_and_not_before(stream):
 
 @given(st.binary(max_size=2000))
 def test_noise_never_raises(noise):
-    decoder = Decoder()
+    decoder = FrameDecoder()
     decoder.feed(noise)
     decoder.feed(noise.replace(b"\0", b"\x10"))
     frame = encode(STATE, 3, ZEROS)
@@ -108,7 +108,7 @@ def test_every_block_is_counted_once(kind, length, data):
 
 
 def test_memory_is_bounded_and_a_flood_is_one_block():
-    decoder = Decoder()
+    decoder = FrameDecoder()
     for _ in range(1000):
         decoder.feed(b"\x55" * 997)
         assert len(decoder._tail) <= MAX_BLOCK + 1
@@ -136,8 +136,8 @@ def test_kinds_of_damage_have_their_counter():
 def test_only_one_direction_is_accepted():
     up = encode(STATE, 0, ZEROS)
     down = encode(BY_NAME["HEARTBEAT"], 0, [0] * 6)
-    assert [f.message.name for f in Decoder(UP).feed(up + down)] == ["STATE"]
-    assert [f.message.name for f in Decoder(DOWN).feed(up + down)] == ["HEARTBEAT"]
+    assert [f.message.name for f in FrameDecoder(UP).feed(up + down)] == ["STATE"]
+    assert [f.message.name for f in FrameDecoder(DOWN).feed(up + down)] == ["HEARTBEAT"]
 
 
 @pytest.mark.parametrize("message", [m for m in MESSAGES if m.seed != 0xFFFF],
@@ -154,8 +154,8 @@ def test_another_definition_cannot_be_read(message):
         struct = message.struct
         seed = message.seed ^ 1
 
-    assert Decoder([OtherSchema()]).feed(wire) == []
-    assert len(Decoder([message]).feed(wire)) == 1
+    assert FrameDecoder([OtherSchema()]).feed(wire) == []
+    assert len(FrameDecoder([message]).feed(wire)) == 1
 
 
 def test_changed_delimiter_is_repaired_for_every_pair():
@@ -203,7 +203,7 @@ def test_limits_of_an_unknown_block(length, counter):
 def test_reads_of_any_kind_of_buffer():
     frame = encode(STATE, 0, ZEROS)
     for data in (frame, bytearray(frame), memoryview(frame)):
-        assert len(Decoder().feed(data)) == 1
+        assert len(FrameDecoder().feed(data)) == 1
 
 
 def test_sizes_of_blocks_follow_the_definitions():

@@ -91,7 +91,7 @@ def test_the_seed_of_a_retired_definition_is_refused():
 
 @pytest.mark.parametrize(("name", "changes"), [
     ("DIAG", {"id": 0x10}), ("DIAG", {"id": 0x41}), ("HEARTBEAT", {"id": 0x11}),
-    ("DIAG", {"fields": (spec.Field("x", "u8", "", count=251),)})])
+    ("DIAG", {"fields": (spec.MessageField("x", "u8", "", count=251),)})])
 def test_bad_ids_and_lengths_are_refused(name, changes):
     messages = [fresh(m, **changes) if m.name == name else m for m in MESSAGES
                 if m.name == name or m.id != changes.get("id") or m.name == "STATE"]

@@ -7,14 +7,14 @@ import pytest
 
 from dart_hal.wire import blocks
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE
 from dart_hal.wire.plausible import Gates
 from tests.wire import wire_samples as samples
 
 DRIVE_FRAMES = samples.drive(2.0, seed=3)
 STATE_FRAMES = [f for f in DRIVE_FRAMES if len(f) == STATE.wire_size]
-SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(DRIVE_FRAMES))}
+SENT = {(f.seq, f.payload) for f in FrameDecoder(UP).feed(b"".join(DRIVE_FRAMES))}
 
 
 class AnyCrc:
@@ -35,7 +35,7 @@ def wrong(fault, trials, seed, gates=None):
     for _ in range(trials):
         at = rng.randrange(1, len(STATE_FRAMES) - 1)
         before, frame, after = STATE_FRAMES[at - 1:at + 2]
-        decoder = Decoder(UP, gates() if gates else None)
+        decoder = FrameDecoder(UP, gates() if gates else None)
         got = decoder.feed(before + fault(frame, rng) + after)
         count += sum((f.seq, f.payload) not in SENT for f in got)
     return count
@@ -43,10 +43,10 @@ def wrong(fault, trials, seed, gates=None):
 
 def test_every_single_bit():
     frame = STATE_FRAMES[7]
-    original = Decoder(UP).feed(frame)[0]
+    original = FrameDecoder(UP).feed(frame)[0]
     for at in range(8 * (len(frame) - 1)):
         value = int.from_bytes(frame, "little") ^ 1 << at
-        for got in Decoder(UP).feed(value.to_bytes(len(frame), "little")):
+        for got in FrameDecoder(UP).feed(value.to_bytes(len(frame), "little")):
             assert (got.seq, got.payload) == (original.seq, original.payload)
 
 
@@ -56,7 +56,7 @@ def test_every_pair_of_bits():
     value = int.from_bytes(frame, "little")
     stream = b"\0".join((value ^ 1 << i ^ 1 << j).to_bytes(len(frame), "little")
                         for i in range(bits) for j in range(i))
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     assert decoder.feed(stream) == []
     assert decoder.counters.damaged >= comb(bits, 2)
 
@@ -99,7 +99,7 @@ def test_frames_lost_per_fault(name):
     for _ in range(1500):
         at = rng.randrange(1, len(DRIVE_FRAMES) - 3)
         hurt = fault(DRIVE_FRAMES[at], rng)
-        decoder = Decoder(UP)
+        decoder = FrameDecoder(UP)
         decoder.feed(DRIVE_FRAMES[at - 1] + hurt + DRIVE_FRAMES[at + 1] + DRIVE_FRAMES[at + 2])
         lost = 4 - decoder.counters.ok
         assert lost <= (1 if hurt.endswith(b"\0") else 2)
@@ -111,9 +111,9 @@ def test_delimiter_changed_costs_none_and_deleted_costs_two():
         if len(DRIVE_FRAMES[at]) not in {m.wire_size for m in UP} or DRIVE_FRAMES[at][1] == 0x15:
             continue
         changed = DRIVE_FRAMES[at][:-1] + bytes([rng.randrange(1, 256)])
-        assert len(Decoder(UP).feed(DRIVE_FRAMES[at - 1] + changed + DRIVE_FRAMES[at + 1])) == 3
+        assert len(FrameDecoder(UP).feed(DRIVE_FRAMES[at - 1] + changed + DRIVE_FRAMES[at + 1])) == 3
         deleted = DRIVE_FRAMES[at][:-1]
-        assert len(Decoder(UP).feed(DRIVE_FRAMES[at - 1] + deleted + DRIVE_FRAMES[at + 1])) == 1
+        assert len(FrameDecoder(UP).feed(DRIVE_FRAMES[at - 1] + deleted + DRIVE_FRAMES[at + 1])) == 1
 
 
 @pytest.mark.parametrize("name", [*samples.SMALL_FAULTS, "burst"])
@@ -123,7 +123,7 @@ def test_good_frames_are_not_delayed(name):
     rng = Random(10)
     for _ in range(60):
         at = rng.randrange(2, len(DRIVE_FRAMES) - 5)
-        decoder = Decoder(UP)
+        decoder = FrameDecoder(UP)
         decoder.feed(DRIVE_FRAMES[at - 1])
         decoder.feed(fault(DRIVE_FRAMES[at], rng))
         decoder.feed(DRIVE_FRAMES[at + 1])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import MAX_BLOCK
 from dart_hal.wire.plausible import Gates
 from tests.wire import wire_samples as samples
@@ -35,7 +35,7 @@ def hostile(rng, frames):
 
 def feed_stream(stream, cut=None):
     """Frames and counters, in reads of ``cut()`` bytes; the memory is looked at after each."""
-    decoder = Decoder(UP, Gates())
+    decoder = FrameDecoder(UP, Gates())
     frames = []
     at = 0
     while at < len(stream):

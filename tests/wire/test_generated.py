@@ -10,7 +10,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.wire import cobs, emit
 from dart_hal.wire.codec import encode, pack
 from dart_hal.wire.crc import crc16
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import BY_NAME, MESSAGES
 from tests.common import ROOT
 
@@ -57,7 +57,7 @@ def test_frame_vectors(case):
     wire = bytes.fromhex(case["wire"])
     assert pack(message, case["values"]).hex() == case["payload"]
     assert encode(message, case["seq"], case["values"]) == wire
-    (frame,) = Decoder().feed(wire)
+    (frame,) = FrameDecoder().feed(wire)
     assert (frame.message, frame.seq, frame.payload.hex()) == (message, case["seq"],
                                                                case["payload"])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE
 from tests.wire import wire_samples as samples
 
@@ -20,7 +20,7 @@ def test_a_long_damaged_recording():
     frames = samples.drive(2800.0, seed=7)
     stream = b"".join(rng.choice(FAULTS)(f, rng) if rng.random() < 0.3 and len(f) > 8 else f
                    for f in frames)
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(stream)
     # A fault in the delimiter may cost two or none.
     assert decoder.counters.ok + decoder.counters.gaps == pytest.approx(len(frames), abs=3)
@@ -34,6 +34,6 @@ def test_ten_million_blocks_of_noise():
     for _ in range(50):
         noise = rng.integers(1, 256, (200_000, 44), np.uint8)
         noise[:, 0], noise[:, 1], noise[:, -1] = 2 + noise[:, 0] % 42, STATE.id, 0
-        accepted += len(Decoder(UP).feed(noise.tobytes()))
+        accepted += len(FrameDecoder(UP).feed(noise.tobytes()))
     # Few chains of codes end in the right place, and 2^-16 of those pass the CRC.
     assert accepted <= 10_000_000 / 2**16

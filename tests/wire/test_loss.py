@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dart_hal.wire import ledger
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE
 from tests.wire import wire_samples as samples
 
@@ -16,7 +16,7 @@ DRIVE = samples.drive(40.0, seed=1)
 
 
 def count_lost(frames):
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join(frames))
     return decoder.counters.gaps
 
@@ -33,7 +33,7 @@ def test_damage_counts_as_lost(seed, share):
     rng = Random(seed)
     inner = [samples.change_byte(f[:-1], rng).replace(b"\0", b"\x01") + b"\0"
              if rng.random() < share else f for f in DRIVE[1:400]]
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join([DRIVE[0], *inner, DRIVE[400]]))
     assert decoder.counters.ok + decoder.counters.gaps == 401
 
@@ -57,7 +57,7 @@ def two_states(periods, step):
     stream = encode(STATE, 9, values)
     values[0] = periods * ledger.STATE_PERIOD
     stream += encode(STATE, 9 + step, values)
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(stream)
     return decoder.counters.gaps
 
@@ -80,15 +80,15 @@ def test_what_is_missing_at_the_ends_is_not_claimed():
 
 
 def test_another_boot_begins_a_new_account():
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join(DRIVE[:100] + samples.drive(1.0, seed=2, boot=2)))
     assert (decoder.counters.gaps, decoder.counters.rebased) == (0, 1)
 
 
 def test_a_second_hello_of_the_same_boot_does_not():
-    hello = Decoder(UP).feed(DRIVE[0])[0]
+    hello = FrameDecoder(UP).feed(DRIVE[0])[0]
     frames = [*DRIVE[:10], encode(hello.message, 12, hello.values()), *DRIVE[13:20]]
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join(frames))
     assert (decoder.counters.gaps, decoder.counters.rebased) == (2, 0)
 
@@ -99,7 +99,7 @@ def test_time_that_runs_backwards_begins_a_new_account():
     for seq, t in ((0, 5_000_000), (1, 5_020_000), (40, 60_000), (41, 80_000)):
         values[0] = t
         frames.append(encode(STATE, seq, values))
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join(frames))
     assert (decoder.counters.gaps, decoder.counters.rebased) == (0, 1)
 
@@ -111,6 +111,6 @@ def test_the_wrap_of_device_time_is_no_event():
         values[0] = (2**32 - 60_000 + seq * ledger.STATE_PERIOD) % 2**32
         if seq != 4:
             frames.append(encode(STATE, seq, values))
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(b"".join(frames))
     assert (decoder.counters.gaps, decoder.counters.rebased) == (1, 0)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
 from dart_hal.wire.codec import UP, encode, pack
-from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.frame import Frame, layout
+from dart_hal.wire.decoder import FrameDecoder
+from dart_hal.wire.frame import WireFrame, layout
 from dart_hal.wire.messages import BY_NAME, LOG, MESSAGES, STATE
 from dart_hal.wire.plausible import Gates
 from dart_hal.wire.unwrap import Unwrapper, unwrap
@@ -30,7 +30,7 @@ def state(t, count, gyro=(0, 0, 0)):
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.name)
 def test_layout_dict_and_record_agree(message):
     values = samples.random_values(message, Random(1))
-    frame = Frame(message, 0, pack(message, values))
+    frame = WireFrame(message, 0, pack(message, values))
     named = frame.as_dict()
     record = frame.record()
     assert list(named) == [f.name for f in message.fields]
@@ -42,11 +42,11 @@ def test_layout_dict_and_record_agree(message):
 
 
 def test_records_are_named_after_their_message():
-    assert type(Frame(BY_NAME["HELLO_REQ"], 0, bytes(6)).record()).__name__ == "HelloReq"
+    assert type(WireFrame(BY_NAME["HELLO_REQ"], 0, bytes(6)).record()).__name__ == "HelloReq"
 
 
 def test_si_values():
-    si = Frame(STATE, 0, pack(STATE, state(4_000_000, 9, (900, -1800, 0)))).as_si()
+    si = WireFrame(STATE, 0, pack(STATE, state(4_000_000, 9, (900, -1800, 0)))).as_si()
     assert si["t_ck"] == 2.0
     assert si["enc_count"] == 9
     assert si["gyro"] == pytest.approx((1.0, -2.0, 0.0))
@@ -72,13 +72,13 @@ def test_wrong_values_are_named(values, text):
 
 
 def test_arrays_must_have_their_length():
-    named = Frame(STATE, 0, bytes(38)).as_dict()
+    named = WireFrame(STATE, 0, bytes(38)).as_dict()
     with pytest.raises(UsageError, match="gyro"):
         pack(STATE, named | {"gyro": (0, 0)})
 
 
 def test_a_drive_passes_the_gates():
-    decoder = Decoder(UP, Gates())
+    decoder = FrameDecoder(UP, Gates())
     frames = samples.drive(10.0, seed=2)
     assert len(decoder.feed(b"".join(frames))) == len(frames)
     assert decoder.counters.implausible == 0
@@ -88,12 +88,12 @@ def test_a_drive_passes_the_gates():
     state(20_000, 0), state(19_999, 0), state(2_000_000_000, 0), state(40_000, 1000),
     state(40_000, 2**32 - 5), state(40_000, 0, (31_501, 0, 0)), state(40_000, 0, (0, -32768, 0))])
 def test_impossible_frames_are_refused_once(bad):
-    decoder = Decoder(UP, Gates())
+    decoder = FrameDecoder(UP, Gates())
     frames = [encode(STATE, i, v) for i, v in
               enumerate([state(20_000, 0), bad, state(60_000, 3), state(80_000, 4)])]
     assert [f.seq for f in decoder.feed(b"".join(frames))] == [0, 2, 3]
     assert (decoder.counters.implausible, decoder.counters.gaps) == (1, 1)
-    assert len(Decoder(UP).feed(b"".join(frames))) == 4
+    assert len(FrameDecoder(UP).feed(b"".join(frames))) == 4
 
 
 def test_the_limits_themselves_pass():
@@ -118,7 +118,7 @@ def test_a_frame_refused_long_ago_is_no_base():
 
 
 def test_hello_has_the_gates_of_a_restart():
-    decoder = Decoder(UP, Gates())
+    decoder = FrameDecoder(UP, Gates())
     frames = samples.drive(5.0, 1) + samples.drive(1.0, 2, boot=2)
     assert len(decoder.feed(b"".join(frames))) == len(frames)
 

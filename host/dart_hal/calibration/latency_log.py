@@ -33,7 +33,7 @@ from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, counter_of
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.estimation.imu_clock import AGE_STD, ImuClock, gyro_read_delay
 from dart_hal.wire.codec import DOWN, UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import DIAG, HEARTBEAT, STATE, TICKS_PER_SECOND
 from dart_hal.wire.plausible import Gates
 
@@ -129,8 +129,8 @@ class TrafficLog:
     """
 
     def __init__(self, car: Car) -> None:
-        self._up = Decoder(UP, Gates())
-        self._down = Decoder(DOWN)
+        self._up = FrameDecoder(UP, Gates())
+        self._down = FrameDecoder(DOWN)
         self._reader = FrameReader(compose_mounting(car.files))
         self._imu_clock = ImuClock()
         self._reader.set_capabilities(car.hello.caps)

@@ -16,7 +16,7 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import FloatArray, State
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE
 from dart_hal.wire.plausible import Gates
 
@@ -52,7 +52,7 @@ class SensorLog:
     """Collect pairs of sample and State of one car from now on."""
 
     def __init__(self, car: Car) -> None:
-        self._decoder = Decoder(UP, Gates())
+        self._decoder = FrameDecoder(UP, Gates())
         self._reader = FrameReader()
         self._waiting: deque[Sample] = deque(maxlen=64)
         self._pairs: list[tuple[Sample, State]] = []

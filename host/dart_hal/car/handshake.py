@@ -16,7 +16,7 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA
 
 # s without a request after a reset: bootloader 1.33 s, then the first HELLO.
@@ -91,7 +91,7 @@ class HelloPort:
 
     def __init__(self, link: SerialLink) -> None:
         self._link = link
-        self._decoder = Decoder(UP)
+        self._decoder = FrameDecoder(UP)
         self._seq = 0
         self.bytes_received = 0
         self.received = bytearray()
@@ -117,7 +117,7 @@ class HelloPort:
     def set_rate(self, baud: int) -> None:
         """Change the line rate; bytes received before it were noise."""
         self._link.set_baud(baud)
-        self._decoder = Decoder(UP)
+        self._decoder = FrameDecoder(UP)
         self.bytes_received = 0
 
 

@@ -11,8 +11,8 @@ from dart_hal.car.telemetry import Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.types import Applied, State
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Counters, Decoder
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.decoder import Counters, FrameDecoder
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.messages import (
     CAPTURE,
     DIAG,
@@ -44,7 +44,7 @@ class Receiver:
     def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
         self._telemetry = telemetry
         self._transmitter = transmitter
-        self._decoder = Decoder(UP, Gates())
+        self._decoder = FrameDecoder(UP, Gates())
         self.fed = 0
         self._seq = -1
         self.hello: Hello | None = None
@@ -55,7 +55,7 @@ class Receiver:
         self.captures: deque[dict[str, Any]] = deque(maxlen=4)
         self.hello_stale = False
         self._hello_new = False
-        self.inbox: deque[Frame] = deque(maxlen=MAX_QUEUED_MESSAGES)
+        self.inbox: deque[WireFrame] = deque(maxlen=MAX_QUEUED_MESSAGES)
         self.on_boot: Callable[[], None] = lambda: None
         self.sent_at: Callable[[int], float | None] = lambda ping_id: None
 
@@ -71,7 +71,7 @@ class Receiver:
 
     def restart_decoder(self) -> None:
         """Drop what was received so far: noise of another line rate."""
-        self._decoder = Decoder(UP, Gates())
+        self._decoder = FrameDecoder(UP, Gates())
         self.fed = 0
 
     def take_messages(self, name: str) -> list[dict[str, Any]]:
@@ -93,7 +93,7 @@ class Receiver:
                 self._other(frame, t)
         return states
 
-    def _state(self, frame: Frame, t: float, applied: Applied) -> State:
+    def _state(self, frame: WireFrame, t: float, applied: Applied) -> State:
         """Return the State of a STATE frame."""
         # Unwrap the 8-bit sequence number.
         self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
@@ -112,7 +112,7 @@ class Receiver:
         self.captures.clear()
         self.on_boot()
 
-    def _other(self, frame: Frame, t: float) -> None:
+    def _other(self, frame: WireFrame, t: float) -> None:
         """Handle a message other than STATE."""
         if self._seq >= 0:
             self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1

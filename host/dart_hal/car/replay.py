@@ -20,7 +20,7 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.source import FRAME
 from dart_hal.recording.run import AppliedAt, RunReader
 from dart_hal.wire.codec import DOWN, UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
 
 # s: a run whose recording began with ``Car.open`` contains a HELLO by then.
@@ -165,7 +165,7 @@ class ReplaySource(Generic[ArrivesT]):
 
 def sent_pings(recording: RunReader) -> dict[int, list[float]]:
     """Return the host times [s] of the recorded TIME_PING frames by their id (ids wrap)."""
-    decoder = Decoder(DOWN)
+    decoder = FrameDecoder(DOWN)
     found: dict[int, list[float]] = {}
     for chunk in recording.sent():
         for frame in decoder.feed(chunk.data):
@@ -179,7 +179,7 @@ def missing_hello(recording: RunReader) -> Chunk | None:
     if recording.hello is None:
         return None
     # Search the first seconds for a HELLO; note the sequence number of the first STATE.
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     first: tuple[int, float] | None = None
     for chunk in recording.chunks():
         for frame in decoder.feed(chunk.data):

@@ -25,7 +25,7 @@ from dart_hal.estimation.single_samples import (
 )
 from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.vehicle.load import vehicle_of
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.messages import STATE, STATE_FLAGS
 
 # 8N1: start, eight data bits, stop.
@@ -123,8 +123,8 @@ class Telemetry:
         """Restart at the next frame after a boot of the Nano."""
         self._frames.restart()
 
-    def read(self, frame: Frame, seq: int, t_arrival: float, bytes_behind: int, applied: Applied,
-             lost: int, vcc: float | None) -> State:
+    def read(self, frame: WireFrame, seq: int, t_arrival: float, bytes_behind: int,
+             applied: Applied, lost: int, vcc: float | None) -> State:
         """Return the State of one STATE frame; its ``skipped`` is 0.
 
         seq: unwrapped number of the frame. t_arrival: host time [s] of its last byte.

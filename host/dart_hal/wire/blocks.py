@@ -6,7 +6,7 @@ from binascii import crc_hqx
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.messages import MAX_BLOCK, Message
 from dart_hal.wire.rules import min_size
 
@@ -55,7 +55,7 @@ class BlockReader:
         self._table = {size << 8 | m.id: (m, m.seed)
                        for m in self._by_id.values() for size in block_sizes(m)}
 
-    def read(self, block: bytes, end: int, frames: list[Frame]) -> None:
+    def read(self, block: bytes, end: int, frames: list[WireFrame]) -> None:
         """Append the frames of a non-empty block; end: offset after its delimiter."""
         # The type is never zero, so COBS leaves it unchanged after the first code byte. It
         # determines the possible lengths before anything is decoded.
@@ -71,13 +71,13 @@ class BlockReader:
         elif crc_hqx(raw[1:-2], seed) != raw[-2] | raw[-1] << 8:
             self.counters.crc += 1
         else:
-            frames.append(Frame(message, raw[2], bytes(raw[3:-2]), end))
+            frames.append(WireFrame(message, raw[2], bytes(raw[3:-2]), end))
 
-    def _read_joined(self, block: bytes, end: int, frames: list[Frame]) -> None:
+    def _read_joined(self, block: bytes, end: int, frames: list[WireFrame]) -> None:
         """Append the two frames of a block with a damaged delimiter, else count the block."""
         joint = self._find_joint(block)
         if joint:
-            pair: list[Frame] = []
+            pair: list[WireFrame] = []
             self._try_read(block[:joint], end - len(block) + joint, pair)
             self._try_read(block[joint + 1:], end, pair)
             if len(pair) == 2:
@@ -99,7 +99,7 @@ class BlockReader:
         rest = len(block) - joint - 1
         return joint if rest > 1 and rest << 8 | block[joint + 2] in self._table else 0
 
-    def _try_read(self, block: bytes, end: int, frames: list[Frame]) -> None:
+    def _try_read(self, block: bytes, end: int, frames: list[WireFrame]) -> None:
         """Read a block without counting its errors."""
         counters = self.counters
         before = counters.cobs, counters.crc

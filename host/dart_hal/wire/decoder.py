@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dart_hal.wire.blocks import BlockReader, Counters
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.ledger import SequenceTracker
 from dart_hal.wire.messages import HELLO, MAX_BLOCK, MESSAGES, STATE, Message
 from dart_hal.wire.plausible import Gates
 
-__all__ = ["Counters", "Decoder"]
+__all__ = ["Counters", "FrameDecoder"]
 
 
-class Decoder:
+class FrameDecoder:
     """Decodes one direction of one link.
 
     messages: the accepted ones (``codec.UP`` on a host, ``codec.DOWN`` on a Nano); gates: if
@@ -37,7 +37,7 @@ class Decoder:
         """Counters up to the last delimiter (one object that ``feed`` updates)."""
         return self._reader.counters
 
-    def feed(self, data: bytes | bytearray | memoryview) -> list[Frame]:
+    def feed(self, data: bytes | bytearray | memoryview) -> list[WireFrame]:
         """Return the frames whose delimiter is in ``data``, in their order. Raises no error."""
         # The bytes after the last delimiter are stored until the next call.
         head, delimiter, rest = bytes(data).rpartition(b"\0")
@@ -48,7 +48,7 @@ class Decoder:
         end = self._end + self._cut
         self._cut = 0
         self._store_tail(rest)
-        frames: list[Frame] = []
+        frames: list[WireFrame] = []
         read = self._reader.read
         for block in stream.split(b"\0"):
             end += len(block) + 1
@@ -64,7 +64,7 @@ class Decoder:
             tail = tail[:MAX_BLOCK + 1]
         self._tail = tail
 
-    def _count(self, frames: list[Frame]) -> list[Frame]:
+    def _count(self, frames: list[WireFrame]) -> list[WireFrame]:
         """Reject impossible frames and update the counters."""
         if self._gates is not None:
             frames = self._reject_implausible(frames, self._gates)
@@ -77,7 +77,7 @@ class Decoder:
         counters.rebased = tracker.rebased
         return frames
 
-    def _reject_implausible(self, frames: list[Frame], gates: Gates) -> list[Frame]:
+    def _reject_implausible(self, frames: list[WireFrame], gates: Gates) -> list[WireFrame]:
         """Return the frames that pass the gates."""
         accepted = []
         for frame in frames:

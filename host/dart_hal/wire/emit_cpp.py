@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from dart_hal.wire import messages as spec
-from dart_hal.wire.messages import Field, Message
+from dart_hal.wire.messages import Message, MessageField
 from dart_hal.wire.rules import check, min_size
 
 _WIDTH = 80
@@ -230,7 +230,7 @@ inline bool unpack(uint8_t const* in, size_t size, @& m) {{
 """
 
 
-def _members(fields: Iterable[Field]) -> str:
+def _members(fields: Iterable[MessageField]) -> str:
     lines = []
     for f in fields:
         scale = f" [{scale_text(f)}]" if f.unit else ""
@@ -240,7 +240,7 @@ def _members(fields: Iterable[Field]) -> str:
     return "\n".join(lines)
 
 
-def scale_text(f: Field) -> str:
+def scale_text(f: MessageField) -> str:
     """Return scale and unit as text: ``0.5 us``, ``1/900 rad/s``, ``m/s2``."""
     if f.scale == 1.0:
         return f.unit
@@ -280,7 +280,7 @@ struct @ {{
   static constexpr uint8_t kMaxText = {limit};
   // {m.fields[0].doc}
   uint8_t level;
-  // Characters in text; not sent, the frame tells it.
+  // Characters in text; not sent, it follows from the length of the frame.
   uint8_t length;
   // {m.fields[1].doc}, without a terminating zero
   char text[kMaxText];

@@ -18,7 +18,7 @@ _FRAME = """\
 # The wire between Nano and host
 
 One binary stream each way: framed, numbered, checked. The newest data win; only parameters
-and HELLO are asked for and answered. The definitions live in
+and HELLO are requested and answered. The definitions live in
 [`messages.py`](../../host/dart_hal/wire/messages.py); this page, the firmware's
 [`messages.h`](../../firmware/src/core/messages.h) and the
 [golden vectors](../../tests/wire/vectors.json) are generated from it by `dart-hal wire`, and
@@ -38,7 +38,7 @@ the payload.
   byte first. It starts with the *seed* of the message (table below), the low 16 bits of the
   CRC-32 of the definition's canonical text. A frame of another definition fails its check
   with certainty, because the CRC is a bijection of its start value. HELLO and HELLO_REQ use
-  {forever:#06x} for ever, so that any two versions can tell each other who they are.
+  {forever:#06x} for ever, so that any two versions can identify each other.
 - **COBS** removes every 0x00 from the frame, so 0x00 ends a frame and nothing else does. A
   further 0x00 is sent at boot and after a gap of more than 50 ms; empty blocks mean nothing.
 - Every message but LOG has one length. Receivers drop a block above {block} bytes.

@@ -7,10 +7,10 @@ from dataclasses import make_dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from dart_hal.wire.messages import MESSAGES, Field, Message
+from dart_hal.wire.messages import MESSAGES, Message, MessageField
 
 
-class Frame(NamedTuple):
+class WireFrame(NamedTuple):
     """One accepted frame.
 
     seq: 0..255; payload: raw bytes; end: offset after the frame's delimiter, in bytes since the
@@ -43,7 +43,7 @@ class Frame(NamedTuple):
         return record_type(self.message.id)(**self.as_dict())
 
 
-def _to_si(f: Field, raw: Any) -> Any:
+def _to_si(f: MessageField, raw: Any) -> Any:
     if f.type == "text" or f.scale == 1.0:
         return raw
     return raw * f.scale if f.count == 1 else tuple(v * f.scale for v in raw)

@@ -13,7 +13,7 @@ from typing import Any
 from dart_hal.wire import cobs
 from dart_hal.wire.codec import encode, pack
 from dart_hal.wire.crc import crc16
-from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA, TYPES, Field, Message
+from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA, TYPES, Message, MessageField
 
 _RANGES = {"u8": (0, 0xFF), "u16": (0, 0xFFFF), "u32": (0, 0xFFFF_FFFF), "i16": (-32768, 32767)}
 _TEXTS = ("boot", "i2c: no answer from 0x28", "x" * 49)
@@ -76,14 +76,14 @@ def _fill_fields(m: Message, kind: str) -> dict[str, Any]:
     return values
 
 
-def _field_value(f: Field, kind: str, offset: int) -> int:
+def _field_value(f: MessageField, kind: str, offset: int) -> int:
     low, high = _RANGES[f.type]
     if kind == "pattern":
         return int.from_bytes(_pattern_bytes(f, offset), "little", signed=low < 0)
     return {"zero": 0, "low": low, "high": high}[kind]
 
 
-def _pattern_bytes(f: Field, offset: int) -> bytes:
+def _pattern_bytes(f: MessageField, offset: int) -> bytes:
     """Return the bytes at ``offset`` of the pattern 0x81, 0x82, ..."""
     width = {"B": 1, "H": 2, "h": 2, "I": 4}[TYPES[f.type]]
     return bytes(0x81 + offset + i for i in range(width))

@@ -17,8 +17,8 @@ from dart_hal.devices.links.boot import BootWait
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import DOWN, encode
 from dart_hal.wire.crc import crc16
-from dart_hal.wire.decoder import Decoder
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.decoder import FrameDecoder
+from dart_hal.wire.frame import WireFrame
 from dart_lab.sim.eeprom import encode_params, parse_eeprom
 from dart_lab.sim.mock_capture import MockCapture
 from dart_lab.sim.mock_encoder import MockEncoder
@@ -221,7 +221,7 @@ class MockNano:
         self._capture = MockCapture()
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
-        self._decoder = Decoder(DOWN)
+        self._decoder = FrameDecoder(DOWN)
         before = self._pins.take(self.now)
         self._pins = MockPins(self.params[7], self.now, self._starts, before)
         self._pins.behind_mux = self._behind_mux
@@ -363,27 +363,27 @@ class MockNano:
             if handler is not None:
                 handler(frame, self.now)
 
-    def _on_hello_req(self, frame: Frame, t: float) -> None:
+    def _on_hello_req(self, frame: WireFrame, t: float) -> None:
         self._send(m.HELLO, self._hello(frame.seq))
         if frame.as_dict()["flags"] & 1:
             self._queue.append((m.DIAG, self._diag(self._ck(t))))
 
-    def _on_heartbeat(self, frame: Frame, t: float) -> None:
+    def _on_heartbeat(self, frame: WireFrame, t: float) -> None:
         beat = frame.as_dict()
         self.supervisor.beat(t, beat["arm_token"], beat["mode"])
 
-    def _on_time_ping(self, frame: Frame, t: float) -> None:
+    def _on_time_ping(self, frame: WireFrame, t: float) -> None:
         begin = max(self._uart.tx_free, t + LATCH_TO_UART)
         ping_id, host_us = frame.values()
         self._send(m.TIME_PONG, (ping_id, host_us, self._ck(t), self._ck(begin), 0), begin)
 
-    def _on_param_get(self, frame: Frame, t: float) -> None:
+    def _on_param_get(self, frame: WireFrame, t: float) -> None:
         (ident,) = frame.values()
         known = ident in self.params
         self._queue.append((m.PARAM_VALUE, (ident, 0 if known else 1, frame.seq,
                                             self.params.get(ident, 0))))
 
-    def _on_param_set(self, frame: Frame, t: float) -> None:
+    def _on_param_set(self, frame: WireFrame, t: float) -> None:
         ident, _, value = frame.values()
         spec = next((p for p in m.PARAMS if p.id == ident), None)
         status = 1 if spec is None else 0 if spec.low <= value <= spec.high else 2
@@ -394,16 +394,16 @@ class MockNano:
         self._queue.append((m.PARAM_VALUE, (ident, status, frame.seq,
                                             self.params.get(ident, 0))))
 
-    def _on_reboot(self, frame: Frame, t: float) -> None:
+    def _on_reboot(self, frame: WireFrame, t: float) -> None:
         magic, kind = frame.values()
         if magic == m.REBOOT_MAGIC and kind in (1, 2):
             self._boot("watchdog", restart=True)
 
-    def _on_edges_req(self, frame: Frame, t: float) -> None:
+    def _on_edges_req(self, frame: WireFrame, t: float) -> None:
         (n,) = frame.values()
         first = self.rings[0].count
         self._edges = [first + 8 * (k + 1) for k in range(min(n, 4096))]
 
-    def _on_capture_req(self, frame: Frame, t: float) -> None:
+    def _on_capture_req(self, frame: WireFrame, t: float) -> None:
         (n,) = frame.values()
         self._capture.begin(n, self._ck(t))

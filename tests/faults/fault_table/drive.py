@@ -12,7 +12,7 @@ from dart_hal.core.errors import BadCommand, LinkLost
 from dart_hal.core.types import State
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO, STATE
 from dart_lab.sim.cutoff import Direct
 from dart_lab.sim.esc import EscMode
@@ -92,7 +92,7 @@ class Drive:
         self.deaf_to_hello = False
         self.sample: tuple[int, ...] = ()
         """Words of the IMU in the newest STATE."""
-        self._decoder = Decoder(UP)
+        self._decoder = FrameDecoder(UP)
         self.world.watchers.append(self._saw)
         weld_if_removed(self.world)
         self.car = Car.over(backend, cars=folder, raise_on_trip=False)

@@ -10,7 +10,7 @@ import wire_samples as samples
 
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.wire.codec import UP, encode
-from dart_hal.wire.decoder import Decoder
+from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import STATE, TICKS_PER_SECOND
 from dart_hal.wire.plausible import Gates
 from dart_lab.sim.faults import LineFaults
@@ -20,7 +20,7 @@ from fault_table.row import Measured, Row, case
 MILLION = 1_000_000
 SAMPLE_BYTES = 12_000
 WIRE_FRAMES = samples.drive(2.0, seed=3)
-SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(WIRE_FRAMES))}
+SENT = {(f.seq, f.payload) for f in FrameDecoder(UP).feed(b"".join(WIRE_FRAMES))}
 ONE_BYTE = ("changed", "dropped", "doubled")
 BITS = ("1 bit", "2 bits", "3 bits")
 
@@ -34,7 +34,7 @@ def wrong(names: tuple[str, ...], bench: Bench) -> Measured:
     for trial in range(trials):
         at = rng.randrange(1, len(states) - 1)
         hurt = samples.SMALL_FAULTS[names[trial % len(names)]](states[at], rng)
-        got = Decoder(UP).feed(states[at - 1] + hurt + states[at + 1])
+        got = FrameDecoder(UP).feed(states[at - 1] + hurt + states[at + 1])
         count += sum((f.seq, f.payload) not in SENT for f in got)
     return Measured(count, f"{trials} faults")
 
@@ -49,7 +49,7 @@ def flips(bits: int, gates: bool) -> Callable[[Bench], Measured]:
         count = 0
         for _ in range(trials):
             at = rng.randrange(1, len(states) - 1)
-            decoder = Decoder(UP, Gates() if gates else None)
+            decoder = FrameDecoder(UP, Gates() if gates else None)
             got = decoder.feed(states[at - 1] + fault(states[at], rng) + states[at + 1])
             count += sum((f.seq, f.payload) not in SENT for f in got)
         return Measured(count / trials, f"{count} of {trials}")
@@ -64,7 +64,7 @@ def count_lost_frames(names: tuple[str, ...], bench: Bench) -> Measured:
     for trial in range(60_000 if bench.full else 3_000):
         at = rng.randrange(1, len(WIRE_FRAMES) - 3)
         hurt = samples.SMALL_FAULTS[names[trial % len(names)]](WIRE_FRAMES[at], rng)
-        decoder = Decoder(UP)
+        decoder = FrameDecoder(UP)
         decoder.feed(WIRE_FRAMES[at - 1] + hurt + WIRE_FRAMES[at + 1] + WIRE_FRAMES[at + 2])
         gone = 4 - decoder.counters.ok
         at_delimiter = max(at_delimiter, gone)
@@ -86,7 +86,7 @@ def count_uncounted(bench: Bench) -> Measured:
             frame = frame[:4] + frame[24:]
         stream += frame
         whole += 1
-    decoder = Decoder(UP)
+    decoder = FrameDecoder(UP)
     decoder.feed(stream)
     counters = decoder.counters
     return Measured(abs(whole - counters.ok - counters.gaps),
@@ -135,9 +135,9 @@ def impossible(bench: Bench) -> Measured:
     """Frames with a right checksum that no Nano can have sent, and that were believed."""
     believed = 0
     for field, value in (("t_ck", 5), ("enc_count", 2**31), ("gyro", (0, 0, 32767))):
-        decoder = Decoder(UP, Gates())
+        decoder = FrameDecoder(UP, Gates())
         decoder.feed(b"".join(WIRE_FRAMES[:40]))
-        last = Decoder(UP).feed(WIRE_FRAMES[40])[0]
+        last = FrameDecoder(UP).feed(WIRE_FRAMES[40])[0]
         assert last.message is STATE
         hurt = encode(STATE, last.seq, last.as_dict() | {field: value})
         believed += len(decoder.feed(hurt))

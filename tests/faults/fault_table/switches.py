@@ -25,7 +25,7 @@ from dart_hal.estimation.single_samples import AcceptedSample, SingleSampleFilte
 from dart_hal.fleet.peers import Order, Sender
 from dart_hal.fleet.stopping import StopCall, StopRule
 from dart_hal.wire.blocks import BlockReader
-from dart_hal.wire.frame import Frame
+from dart_hal.wire.frame import WireFrame
 from fault_table.layers import FOREVER, host
 
 
@@ -70,7 +70,7 @@ def in_our_session(*words: Any, **options: Any) -> subprocess.Popen[bytes]:
     return subprocess.Popen(*words, **{**options, "start_new_session": False})
 
 
-def clumsy(reader: BlockReader, block: bytes, end: int, frames: list[Frame]) -> None:
+def clumsy(reader: BlockReader, block: bytes, end: int, frames: list[WireFrame]) -> None:
     """After a damaged block the next two are lost as well."""
     if left := _LEFT.get(reader, 0):
         _LEFT[reader] = left - 1
