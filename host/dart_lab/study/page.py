@@ -22,7 +22,7 @@ def _show_table(result: StageResult) -> Html:
     if not result.rows:
         return Html()
     shown = table(result.rows[0], result.rows[1:], numbers=0)
-    return shown if result.stage in OPEN_TABLES else page.fold("table", shown)
+    return shown if result.stage in OPEN_TABLES else page.foldable("table", shown)
 
 
 def write_study_page(results: Mapping[str, StageResult], path: Path, car: str) -> Path:
@@ -31,7 +31,7 @@ def write_study_page(results: Mapping[str, StageResult], path: Path, car: str) -
     for stage, question in STAGES.items():
         result = results.get(stage)
         if result is None:
-            content = page.soft(f"not run: --stage {stage}")
+            content = page.small_print(f"not run: --stage {stage}")
         else:
             content = join((
                 page.card(el("p", result.verdict), good=result.sound,
