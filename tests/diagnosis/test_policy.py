@@ -21,8 +21,8 @@ from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list
 from tests.diagnosis.searched import drive, evidence, names, search
 
 POLICY_FOLDER = Path(module.__file__).parent
-GRIDS = {"MAX_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE", "MIN_RELATIVE_DETERMINANT",
-         "BASE_NOISE_PASSES"}
+GRIDS = {"MAX_FIT_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE",
+         "MIN_RELATIVE_DETERMINANT", "BASE_NOISE_PASSES"}
 """Numbers of a search that decide no name: iterations, starts, rounding."""
 
 

@@ -23,7 +23,7 @@ from dart_lab.report.numbers import describe_change, significant
 from tests.diagnosis import made_by_hand as made
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"
-FROZEN = "false lock of the mocap (pose stands, encoder turns): 20.91 s, 29% of the recording"
+FROZEN = "false lock of the mocap (pose at rest, encoder turns): 20.91 s, 29% of the recording"
 CLOCKS = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
                   "allowed: the clocks of command and sensors differ. Synchronise the clocks")
 LATE_FINDING = LateCommands(0.21, 0.062, 34.2, ())

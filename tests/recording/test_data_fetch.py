@@ -341,7 +341,7 @@ def test_a_line_that_breaks_is_reported_and_the_next_fetch_goes_on(originals, kn
     base = serve(answering(answer))
     with pytest.raises(FetchFailed) as caught:
         fetch(base, destination, registry=known_digests)
-    assert "the same command goes on" in caught.value.remedy
+    assert "the same command resumes" in caught.value.remedy
     assert [p.name for p in destination.rglob("*") if p.is_file()] == [Path(FETCHED_FILES[0]).name]
     broken.clear()
     outcome = fetch(base, destination, registry=known_digests)

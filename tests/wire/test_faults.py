@@ -111,9 +111,10 @@ def test_delimiter_changed_costs_none_and_deleted_costs_two():
         if len(DRIVE_FRAMES[at]) not in {m.wire_size for m in UP} or DRIVE_FRAMES[at][1] == 0x15:
             continue
         changed = DRIVE_FRAMES[at][:-1] + bytes([rng.randrange(1, 256)])
-        assert len(FrameDecoder(UP).feed(DRIVE_FRAMES[at - 1] + changed + DRIVE_FRAMES[at + 1])) == 3
+        before, after = DRIVE_FRAMES[at - 1], DRIVE_FRAMES[at + 1]
+        assert len(FrameDecoder(UP).feed(before + changed + after)) == 3
         deleted = DRIVE_FRAMES[at][:-1]
-        assert len(FrameDecoder(UP).feed(DRIVE_FRAMES[at - 1] + deleted + DRIVE_FRAMES[at + 1])) == 1
+        assert len(FrameDecoder(UP).feed(before + deleted + after)) == 1
 
 
 @pytest.mark.parametrize("name", [*samples.SMALL_FAULTS, "burst"])

@@ -25,7 +25,7 @@ from .evidence.motion import driving_seconds, has_sensors
 from .evidence.split import hold_out
 from .policy import USUAL, InputPolicy
 
-NOT_OBSERVED = ("position, side slip, the mocap's own errors and whatever shows in them "
+NOT_OBSERVED = ("position, side slip, the mocap's own errors and their consequences "
               "cannot be known")
 
 
@@ -73,7 +73,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
         check_units(r, policy)
     sets = [[drop_dead_gyro(r, notes, policy) for r in part] for part in sets]
     sets = _select_kind(sets, notes)
-    sets = [_drop_standing(part, notes) for part in sets]
+    sets = [_drop_stationary(part, notes) for part in sets]
     _check_duration(sets[0], policy.train_s, "train")
     if test:
         _check_duration(sets[1], policy.test_s, "test")
@@ -189,7 +189,7 @@ def _remove_mocap(r: Recording) -> Recording:
     return read_run(r.path, poses=False) if r.schema == RUN else replace(r, mocap=None)
 
 
-def _drop_standing(recordings: list[Recording], notes: list[str]) -> list[Recording]:
+def _drop_stationary(recordings: list[Recording], notes: list[str]) -> list[Recording]:
     """Drop recordings with motion capture in which the car does not drive."""
     still = [r for r in recordings if driving_seconds(r) <= 0.0]
     if recordings and len(still) == len(recordings):

@@ -11,7 +11,7 @@ import math
 
 from .search.scan import Progress
 
-MIN_STEP = 5e-4  # of the whole; a progress bar is 80 characters wide
+MIN_SHARE_STEP = 5e-4  # of the whole; a progress bar is 80 characters wide
 
 
 class ProgressEstimator:
@@ -48,7 +48,7 @@ class ProgressEstimator:
         self._steps += 1
         done = 1.0 - math.exp(-self._steps / self._expected)
         share = self._start + (self._end - self._start) * done
-        if share > self._share + MIN_STEP:
+        if share > self._share + MIN_SHARE_STEP:
             self._share = share
             self._report(share)
 

@@ -24,7 +24,8 @@ from .error_summaries import PathWindow
 from .gains import RecordingSet, correct_poses
 
 MEASURED = "measured"
-POINT_SPACING = 5  # samples; at 3 m/s a point each 15 cm, finer than a line of the picture shows
+# Samples between points: 15 cm at 3 m/s, finer than a line of the picture shows.
+PATH_POINT_SPACING = 5
 POSITION = CHANNELS.index("position")
 
 
@@ -58,7 +59,7 @@ def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, k
     number = int(np.searchsorted(ends, index, side="right"))
     case = cases[number]
     start = int(case.windows.start[index - int(ends[number]) + len(case)])
-    samples = np.arange(0, LENGTH + 1, POINT_SPACING)
+    samples = np.arange(0, LENGTH + 1, PATH_POINT_SPACING)
     origin = rollout.states(case.grid, np.array([start]))[:, 0]
     paths = {MEASURED: _from_start(rollout.states(case.grid, start + samples)[:2], origin)}
     for name, p in models.items():
@@ -69,7 +70,7 @@ def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, k
         first = rollout.measured(one, (0,))[0, :2]
         paths[name] = _from_start(np.concatenate([first, predicted], axis=1), origin)
     return PathWindow(kind, chosen_by, error, int(ends[-1]), case.file,
-                      round(start * SAMPLE, 2), POINT_SPACING * SAMPLE, paths)
+                      round(start * SAMPLE, 2), PATH_POINT_SPACING * SAMPLE, paths)
 
 
 def _from_start(xy: FloatArray, origin: FloatArray) -> FloatArray:

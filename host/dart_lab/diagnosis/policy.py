@@ -1,7 +1,7 @@
-"""What the diagnosis decides by: every threshold, with its unit and where it comes from.
+"""Thresholds of the diagnosis, each with its unit and its derivation.
 
-"Campaign" means: set on the draws from 0 on of ``studies/diagnosis/campaign.py``, judged on those
-from 100 on (docs/results/campaign.md). What half and double of each do:
+"Campaign" means: set on the draws from 0 on of ``studies/diagnosis/campaign.py``, evaluated on
+those from 100 on (docs/results/campaign.md). The effect of half and double of each threshold:
 docs/results/policy_sensitivity.md. A loss is in squared standard deviations of one independent
 residual, so 4.0 is two standard deviations of one number.
 """
@@ -10,26 +10,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-BLOCK_S = 2.0  # s that are left out together: the disturbance has 0.15 s of memory, and 1 s is
-# predicted
-MANY_RECORDINGS = 6  # from which on they are the units: all gain by chance in 1 of 64
-MIN_READINGS = 20  # that tell a spread to 16 %, 1 / sqrt(2 n); 2 s at 10 Hz
-CLIP = 4.0  # standard deviations of a residual where noise is estimated: 1 in 16,000 normal ones
-TAIL = 0.02  # quantile beyond which a function of the state is flat: few values do not lead
+# Time that is held out together [s]: the disturbance is correlated over 0.15 s, and a
+# prediction takes 1 s.
+BLOCK_S = 2.0
+# From this number on recordings are the units: all of them improve by chance in 1 of 64 cases.
+MANY_RECORDINGS = 6
+# Readings for a standard deviation with an error of 16 %, 1 / sqrt(2 n); 2 s at 10 Hz.
+MIN_READINGS = 20
+# Clipping of residuals for the noise estimate [standard deviations]: 1 in 16,000 normal ones.
+CLIP = 4.0
+# Quantile beyond which a function of the state is constant, so that few values do not determine it.
+TAIL = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class InputPolicy:
-    """Recordings and models that are refused, or of which something must be said."""
+    """Recordings and models that are refused, or about which the user is warned."""
 
     train_s: float = 8.0  # s of driving: 16 windows, 4 blocks; below, nothing is diagnosed
-    small_train_s: float = 40.0  # s of driving, 20 blocks; below, it is said that little can show
+    small_train_s: float = 40.0  # s of driving, 20 blocks; below, a note: little is detectable
     test_s: float = 4.0  # s of driving: 8 windows
     test_share: float = 0.4  # held out of each recording where no test is given: 80 of 200 s
     factor: float = 2.5  # to the measured motion: no effect of a sound car reaches it, km/h do
     log_factor: float = 0.2  # of the logarithm; from degrees to cm, the nearest two, it is 0.56
     quartiles: float = 1.5  # third over first quartile of a ratio that is one factor
-    correlation: float = 0.8  # and share of one sign, from where on a factor says something
+    correlation: float = 0.8  # and share of one sign, above which a factor is reported
     turning: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``driving``
     driving: float = 0.5  # m/s; below 0.2 the encoder counts too little
     gentle: float = 2.0  # m/s2 sideways, below which a car rolls without slip
@@ -42,14 +47,14 @@ class InputPolicy:
 
 @dataclass(frozen=True, slots=True)
 class EvidencePolicy:
-    """Which windows and messages of a recording are judged."""
+    """Windows and messages of a recording that are evaluated."""
 
     whole_s: float = 300.0  # s of recordings, from which on windows do not overlap: cost
     bend: float = 0.1  # rad/s of yaw rate in 0.1 s; a derivative is off it, like less yaw inertia
     shaken_bend: float = 0.4  # rad/s; an accelerometer shakes more than a derivative is off
     speed_bend: float = 0.08  # m/s in 0.14 s; the same for an accelerometer along the car
-    stands: float = 0.03  # m/s; three times the noise of a pose in 0.1 s
-    held: float = 0.1  # rad/s; a car that turns more on standing wheels is being carried
+    stands: float = 0.03  # m/s, car at rest: three times the noise of a pose in 0.1 s
+    held: float = 0.1  # rad/s; a car that turns faster with wheels at rest is being carried
     wheel: float = 0.2  # m/s; below it an encoder counts too little to be judged
     level: float = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
     backwards: float = -0.01  # throttle; below it a car may reverse, and an encoder has no sign
@@ -57,30 +62,30 @@ class EvidencePolicy:
 
 @dataclass(frozen=True, slots=True)
 class NoisePolicy:
-    """How much a residual counts."""
+    """Weights of residuals."""
 
     robust: float = 3.0  # standard deviations where the loss turns linear; 0.3 % of normal ones
-    wild: float = 30.0  # standard deviations; no residual counts as more: ten times ``robust``
+    wild: float = 30.0  # standard deviations, the largest loss of a residual: 10 ``robust``
     encoder_floor: float = 0.002  # m/s: half a millisecond of jitter at 4 m/s2
     gyro_floor: float = 0.00031  # rad/s: a step of 1/16 deg/s (BNO055) over sqrt(12) ...
-    accel_floor: float = 0.0029  # m/s2: ... and one of 0.01; what is rounded is no better known
+    accel_floor: float = 0.0029  # m/s2: ... and one of 0.01: rounded values are not more accurate
     ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
-    age_tells: float = 3.0  # standard deviations that the oldest command moves what tells its age
+    age_tells: float = 3.0  # standard deviations by which the oldest command must move a reading
     passes: int = 5  # fits with a new effect, each with the noise that the one before leaves ...
     settled: float = 0.1  # ... until its log volume falls by no more: 1 % of each of ten channels
 
 
 @dataclass(frozen=True, slots=True)
 class BlockPolicy:
-    """What counts as independent, and what is left out together."""
+    """Blocks of time that are independent and are held out together."""
 
     seconds: float = BLOCK_S  # s of a block
 
 
 @dataclass(frozen=True, slots=True)
 class PriorPolicy:
-    """What is expected of parameters before the data are seen."""
+    """Prior distribution of the parameters."""
 
     believed: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
     effect_width: float = 4.0  # medium sizes in one standard deviation: a medium effect costs 0.06
@@ -88,16 +93,16 @@ class PriorPolicy:
 
 @dataclass(frozen=True, slots=True)
 class ScanPolicy:
-    """Which sizes of an effect are tried."""
+    """Sizes of an effect that are tried."""
 
     ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
     dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)  # same
-    # where what an effect explains has several tops: a fifth apart
-    faint: float = 3.0  # loss that a parabola must promise for a look at larger sizes
-    kept: float = 0.05  # of what a parabola promises: as near its top is where it says
+    # for effects whose gain has several maxima: steps of a fifth
+    faint: float = 3.0  # predicted loss reduction of a parabola above which larger sizes are tried
+    kept: float = 0.05  # of the predicted reduction: the maximum is that close to the parabola's
     known: float = 0.25  # of what sizes did in the round before; as slopes are kept (Shamanskii)
-    refinements: int = 6  # parabola steps after the ladder; most end after one, at its promise
-    met: float = 0.02  # of a promise; a parabola that keeps it that well is at the top
+    refinements: int = 6  # parabola steps after the ladder; most end after one, as predicted
+    met: float = 0.02  # of a prediction: a parabola that is that accurate is at its maximum
     resolved: float = 0.1  # of a size; a rung is no nearer to the best one where parabolas fail
     bisections: int = 5  # between two rungs where a threshold may be: a thirtieth of their distance
     threshold: float = 0.5  # of what is in proportion to its size; less moves as below a threshold
@@ -105,33 +110,33 @@ class ScanPolicy:
 
 @dataclass(frozen=True, slots=True)
 class NamingPolicy:
-    """When an effect of one round gets its name."""
+    """Acceptance of an effect in one round."""
 
     draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
-    explanations: int = 3  # fits of a round that look for the best explanation ...
-    keeps: float = 0.5  # ... which keeps so much of the gain that its linear answer promised
+    explanations: int = 3  # fits of a round to find the best explanation ...
+    keeps: float = 0.5  # ... which reaches this share of the linearly predicted gain
     hidden: float = 2.0  # times the gain, once the noise is measured without the best explanation,
     # from where on that explanation was part of the noise: else the two gains are the same
     sharpenings: int = 3  # measurements of that noise in a round; each halves what is left
     least_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
     tried_size: float = 0.4  # of the small size, by the linear answer: half, it may be off as much
-    furthest: float = 2.0  # of the change that each of two asks for alone: linear no further
-    sure: float = 4.0  # thresholds; what is worth as much is not doubted again
+    furthest: float = 2.0  # of the change of each of two alone: limit of the linear model
+    sure: float = 4.0  # thresholds; an effect with that statistic is not tested again
 
 
 @dataclass(frozen=True, slots=True)
 class ConfounderPolicy:
-    """When two effects explain the data equally well."""
+    """When two effects are confounded: they explain the data equally well."""
 
     gain: float = 0.5  # of the gain of the winner; one that gains less is not compared with it
     cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
     clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
-    loss: float = 4.0  # a smaller difference tells nothing, however steady: as of two equal effects
+    loss: float = 4.0  # a smaller difference is not significant, even if it is steady
 
 
 @dataclass(frozen=True, slots=True)
 class GradePolicy:
-    """How sure a name is, and whether its size is constant."""
+    """Probability of an accepted effect, and constancy of its size."""
 
     draws: int = 400  # of units; P = 0.97 is known to 0.01
     units: int = 16  # stretches of time, where recordings are fewer ...
@@ -143,23 +148,23 @@ class GradePolicy:
     waves: int = 3  # half waves along each variable on which a size may depend
     period_s: float = 5.0  # s; the shortest wave along time
     time_waves: int = 48  # at most: two minutes of them
-    changes: float = 0.01  # level at which a size is said to change; a right one does once in 25
-    least_change: float = 0.1  # of its size, root mean square; less is not worth a word
+    changes: float = 0.01  # level at which a change of a size is reported; a correct one once in 25
+    least_change: float = 0.1  # of its size, root mean square; smaller changes are not reported
     turns: int = 999  # signs of blocks turned: ten of them beyond that level
 
 
 @dataclass(frozen=True, slots=True)
 class AlikePolicy:
-    """When recordings are of two cars or floors."""
+    """When recordings have two different cars or floors."""
 
     errors: float = 6.0  # standard errors between the two groups
-    least: float = 1.0  # medium sizes of an effect between them: less is a day's difference
-    within: float = 4.0  # times as far apart as any recording is from its own group
+    least: float = 1.0  # medium sizes of an effect between them; days differ by less
+    within: float = 4.0  # times the distance of any recording from its own group
 
 
 @dataclass(frozen=True, slots=True)
 class ClaimPolicy:
-    """Which parameters of the model are said to be wrong."""
+    """When a parameter of the model is reported as wrong."""
 
     prior: float = 0.2  # probability that a group is wrong: one or two of seven
     certain: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
@@ -169,20 +174,20 @@ class ClaimPolicy:
     guessed: float = 0.01  # the same to second order, below which no fit asks for it
     draws: int = 128  # of units
     believed: float = 0.5  # probability from which on a group is claimed: rather than not ...
-    worth: float = 1.03  # ... if errors on unseen recordings are so many times as large without it,
+    worth: float = 1.03  # ... if errors on test recordings are this many times as large without it,
     # (of 41 of the campaign 33 are exact, 30 at 1.01; 32 with a P of 0.8) ...
     sure: float = 0.97  # ... below this probability by the lower end of a 90 % interval
-    stretch_s: float = 15.0  # s, of an unseen recording, for the interval of what is lost in it
+    stretch_s: float = 15.0  # s of a test recording, for the interval of the change of its error
     stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
     instead: float = 0.1  # probability of another group without this one, to be its confounder
-    unsure: float = 0.05  # probability by which a pair is surer than either of it: one claim
+    unsure: float = 0.05  # probability of a pair minus that of each part: one claim for both
 
 
 @dataclass(frozen=True, slots=True)
 class UnexplainedPolicy:
-    """When what is left is structure."""
+    """When the remaining residuals have structure."""
 
-    share: float = 0.1  # of the variance; below, structure is not worth a word: 5 % of the error
+    share: float = 0.1  # of the variance; less structure is not reported: 5 % of the error
     accel: float = 0.03  # m/s2, root mean square; an accelerometer's sensitivity and the angle
     # between its axes are good to 1 % by its data sheet (BNO055), and a car pulls 3 m/s2 aside
     encoder: float = 0.006  # m/s, the same; one edge of 2.1 mm in 0.1 s over sqrt(12)
@@ -201,17 +206,17 @@ class UnexplainedPolicy:
 
 @dataclass(frozen=True, slots=True)
 class ConclusionPolicy:
-    """What is said of the causes that the search has found."""
+    """Conclusions about the causes that the search has found."""
 
-    spurious: float = 0.6  # of the structure may be left; a cause that leaves more is withdrawn
-    mainly: float = 0.2  # of what a cause takes away, from where on a channel is one it acts on
-    worse: float = 0.2  # of the error, to be surely worse where no interval says how sure
+    spurious: float = 0.6  # of the structure may remain; a cause with more is withdrawn
+    mainly: float = 0.2  # of the reduction by a cause, above which it acts on a channel
+    worse: float = 0.2  # of the error: an increase that is reported without an interval
     gain_block_s: float = 10.0  # s; bootstrap: rollouts of 1 s and laps of some seconds
 
 
 @dataclass(frozen=True, slots=True)
 class SuggestPolicy:
-    """When a drive would tell two causes apart."""
+    """When a drive would separate two causes."""
 
     separation: float = 4.0  # standard deviations: the wrong one then fits better once in 44
     alone: float = 6.0  # the same by on-board sensors, whose noise changes with the drive
@@ -221,12 +226,12 @@ class SuggestPolicy:
     explains: float = 0.25  # of what the cause explains: one that explains less is no confounder
     narrower: float = 0.5  # of a claimed quantity's standard error: worth a drive of its own
     run: int = 4  # rows in a row that noise is drawn in: windows of 2 s
-    gyro_noise: float = 0.004  # rad/s of a standing car, where the data at hand never stand
+    gyro_noise: float = 0.004  # rad/s of a car at rest, if the data have no rest
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """All thresholds of a diagnosis; the defaults are those that docs/results judges."""
+    """All thresholds of a diagnosis; docs/results evaluates the defaults."""
 
     inputs: InputPolicy = field(default_factory=InputPolicy)
     evidence: EvidencePolicy = field(default_factory=EvidencePolicy)

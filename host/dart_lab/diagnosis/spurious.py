@@ -31,7 +31,7 @@ def find_spurious(q: DiagnosisSetup, found: SearchResult, structure: Sequence[Un
     3. The cause is spurious if the remaining structure exceeds both what it removes and most of
        the structure without it. An unknown second cause alone would not make it spurious.
 
-    Differences between recordings say nothing about a cause that is the same in all.
+    Differences between recordings are no evidence for a cause that is the same in all.
     """
     if all("recording" in u.along for u in structure):
         return ()

@@ -43,7 +43,7 @@ class ActuatorOutput:
 
 
 def throttle_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming) -> ActuatorOutput:
-    """Return the throttle output of a settled vehicle."""
+    """Return the throttle output of a vehicle with its effects."""
     series = actuator_means(drive, q, "throttle", timing)
     return ActuatorOutput(
         series, _interpolate(series, _samples(drive) - timing.message_age / SAMPLE))
@@ -51,14 +51,14 @@ def throttle_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming) ->
 
 def steering_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming, servo: FloatArray
                     ) -> ActuatorOutput:
-    """Return the road-wheel angle of a settled vehicle, in FINE steps per sample; servo (n,)."""
+    """Return the road-wheel angle with all effects, in FINE steps per sample; servo (n,)."""
     series = turned(q, servo, drive.grid.t, "mean")
     return ActuatorOutput(series, fine(series, _samples(drive) - timing.message_age / SAMPLE))
 
 
 def actuator_means(drive: OnboardStretch, q: Vehicle, channel: str, timing: MessageTiming
                    ) -> FloatArray:
-    """Return servo or throttle of a settled vehicle, means over samples (n,)."""
+    """Return servo or throttle of a vehicle with its effects, means over samples (n,)."""
     delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     command = spread_over(getattr(drive.grid, channel), timing.age_spread)
     lagged = first_order_lag(delay_command(command, delay, smooth=True), lag, "mean")

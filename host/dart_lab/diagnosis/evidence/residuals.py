@@ -273,7 +273,7 @@ class Evidence:
         return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
 
     def _states(self, p: Vehicle, q: Vehicle, age_spread: float) -> FloatArray:
-        """Predict the states (len(STATE_SAMPLES), 6, n) of all windows; q: p settled."""
+        """Predict the states (len(STATE_SAMPLES), 6, n) of all windows; q: p with its effects."""
         start, _ = self._cached_start_and_motion(p, q)
         throttle = self._cached_part(
             ("throttle", *throttle_key(p, q), age_spread), lambda: np.repeat(
@@ -341,7 +341,7 @@ class Evidence:
 
     def _sensor_residuals(self, p: Vehicle, q: Vehicle, signal: str, message_age: float,
                           gyro_age: float) -> FloatArray:
-        """Compute predicted minus measured readings (m, channels of the signal); q: p settled."""
+        """Compute predicted minus measured readings (m, channels); q: p with its effects."""
         key = q.body.l_r, _effects_on(p, POSE)
         motion = self._cached_part(("measured", *key),
                                    lambda: [measured_motion(g) for g in self._grids(p, q)])
@@ -426,7 +426,7 @@ def _drop_reading_effects(p: Vehicle) -> Vehicle:
 # Keys of caches: each lists all on which a part depends, and nothing else.
 def _readings_key(p: Vehicle, q: Vehicle, signal: str, message_age: float, gyro_age: float
                   ) -> tuple[Hashable, ...]:
-    """Return what the sensor residuals of a signal depend on; q: p settled."""
+    """Return what the sensor residuals of a signal depend on; q: p with its effects."""
     on = _effects_on(p, frozenset({signal}))
     force = (q.motor, q.friction, throttle_key(p, q)) if on else ()
     return (signal, q.body, _effects_on(p, POSE), on, force, message_age,
@@ -439,13 +439,13 @@ def _effects_on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...
 
 
 def throttle_key(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
-    """Return what the output of the throttle actuator depends on; q: p settled."""
+    """Return what the output of the throttle actuator depends on; q: p with its effects."""
     on = _effects_on(p, THROTTLE)
     return (q.delay.throttle_s, q.delay.throttle_lag_s, on and q.motor.g, on)
 
 
 def steering_key(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
-    """Return what the road-wheel angle depends on; q: p settled."""
+    """Return what the road-wheel angle depends on; q: p with its effects."""
     return (q.delay.steering_s, q.delay.steering_lag_s, q.steering, _effects_on(p, STEERING))
 
 

@@ -81,7 +81,7 @@ def _find_best_places(r: Recording, begin: float, end: float, cycles: int, share
 
 
 def _alternate(begin: float, end: float, period: float, share: float, shift: float) -> SpanPair:
-    """Alternate training and test stretches, GUARD_S apart, ``shift`` seconds earlier."""
+    """Alternate training and test stretches, GUARD_S between them, ``shift`` seconds earlier."""
     tests = share * (period - 2.0 * GUARD_S)
     trains = period - 2.0 * GUARD_S - tests
     sides: SpanPair = ([], [])

@@ -34,7 +34,7 @@ from dart_lab.identification.evaluation.cases import short
 from .words import CHANNEL_LABELS
 
 PARTS = 10  # of the range of a variable
-MIN_ROWS = 40  # of a picture
+MIN_PICTURE_ROWS = 40  # of a picture
 MIN_PART_SHARE = 0.02  # of the rows, in a part that is drawn
 EDGE_QUANTILE = 0.01  # ends of the range of a variable
 BLOCK_S = 2.0  # s
@@ -144,7 +144,7 @@ class ResidualRows:
         good = np.isfinite(x) & np.isfinite(y)
         if column.folded:
             good &= self.features(column)["direction"] != 0.0
-        if good.sum() < MIN_ROWS:
+        if good.sum() < MIN_PICTURE_ROWS:
             return None
         return means_along(x[good], y[good], self.block(column)[good])
 

@@ -26,7 +26,7 @@ class ErrorChange:
     """RMSE of one channel before and after a step, and the number of recordings by direction.
 
     recordings: of both. when: " 1 s ahead" for predictions, " at standstill" for readings of a
-    standing car, else "".
+    car at rest, else "".
     """
 
     before: float
@@ -137,7 +137,7 @@ def _when(evidence: Evidence, channel: str) -> str:
 
 
 def _standstill(evidence: Evidence, column: int) -> BoolArray:
-    """Return the readings (rows,) of a standing car, which have more weight than the others.
+    """Return the readings (rows,) of a car at rest, which have more weight than the others.
 
     The accelerometer of a moving car vibrates. At rest the residual is the error of the model, and
     the fits weight it accordingly.

@@ -29,7 +29,7 @@ STYLES = {MEASURED: "car", CONSTANT_VELOCITY: "other", NOISE_FLOOR: "floor", "gi
           "refitted": "refit", "extended": "after"}
 MODELS = {"given": "model as given", "refitted": "parameters refitted",
           "extended": "with the causes", NOISE_FLOOR: "noise floor: a model without any fault"}
-STEPS = {"refitted": "by the refit", "extended": "by the causes"}
+STEP_TITLES = {"refitted": "by the refit", "extended": "by the causes"}
 WHAT_FLOOR = ("Noise floor: the error that a model without any fault would have on these "
               "recordings, from disturbances, measurement noise and the unknown ages of commands.")
 MARK_SPACING = 0.5  # s
@@ -137,7 +137,7 @@ def _error_figure(d: Diagnosis) -> Html:
 
 def shares(d: Diagnosis) -> Html:
     """Tabulate what each step changes of the error 1 s ahead, by channel."""
-    head = ("channel", *(STEPS[name] for name in list(d.compared)[1:]))
+    head = ("channel", *(STEP_TITLES[name] for name in list(d.compared)[1:]))
     rows = [(channel(name), *(c.summary for c in changes))
             for name in PREDICTED if (changes := step_changes(d, name))]
     counted = any(c.counts for name in PREDICTED for c in step_changes(d, name))

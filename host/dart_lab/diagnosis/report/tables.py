@@ -31,7 +31,7 @@ from .words import (
 VISIBLE_ENTRIES = ("role", "windows", "why")
 BY_NOISE = " (the same effects, fitted with recordings weighted by their noise)"
 # Bars of the ranking; the table below it has all.
-MAX_ROWS = 24
+MAX_LISTED_EFFECTS = 24
 
 
 def ranking(d: Diagnosis) -> Html:
@@ -40,7 +40,7 @@ def ranking(d: Diagnosis) -> Html:
         return el("p", "No effect was tried.")
     named = {c.effect for c in d.causes}
     shown = sorted(((name, loss) for name, loss in d.ranking.items() if math.isfinite(loss)),
-                   key=lambda e: (-e[1], e[0]))[:MAX_ROWS]
+                   key=lambda e: (-e[1], e[0]))[:MAX_LISTED_EFFECTS]
     return join([
         charts.draw_bars("Loss reduction by effect", "loss reduction, alone (logarithmic scale)",
                          [(name, loss, "after" if name in named else "other")

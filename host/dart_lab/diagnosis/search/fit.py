@@ -36,7 +36,7 @@ from ..evidence.residuals import Evidence
 from ..evidence.space import MessageTiming, Space
 
 # Limits of Levenberg-Marquardt: with a new Jacobian, and with one that is not updated.
-MAX_ITERATIONS = 15
+MAX_FIT_ITERATIONS = 15
 MAX_REUSE_ITERATIONS = 6
 
 RowSelection = slice | BoolArray
@@ -168,7 +168,7 @@ def change_noise(evidence: Evidence, noise: Noise, point: Point) -> Point:
 
 
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          reference: Point | None = None, max_iterations: int = MAX_ITERATIONS,
+          reference: Point | None = None, max_iterations: int = MAX_FIT_ITERATIONS,
           jobs: int = 1) -> Point:
     """Minimise the objective from x: Levenberg-Marquardt within bounds, soft L1 loss, priors.
 

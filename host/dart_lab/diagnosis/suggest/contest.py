@@ -25,7 +25,7 @@ from .side import RecordingComparison
 
 SIZE_LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size
 SIZE_TOLERANCE = 0.01  # of the medium size
-MAX_ITERATIONS = 12
+MAX_SIZE_ITERATIONS = 12
 NULL_PREFERENCE = 1e-3  # loss per medium size: without information the size is zero
 # (effect, parameter, value) -> robust loss of this size on other data.
 SizeLoss = Callable[[str, str, float], float]
@@ -131,5 +131,6 @@ def find_minimum(cost: Callable[[float], float], q: Parameter) -> float:
     i = int(np.argmin(costs))
     ends = ks[max(i - 1, 0)], ks[min(i + 1, len(ks) - 1)]
     finer = minimize_scalar(cost, bounds=ends, method="bounded",
-                            options={"xatol": SIZE_TOLERANCE * medium, "maxiter": MAX_ITERATIONS})
+                            options={"xatol": SIZE_TOLERANCE * medium,
+                                     "maxiter": MAX_SIZE_ITERATIONS})
     return float(finer.x) if finer.fun < costs[i] else ks[i]
