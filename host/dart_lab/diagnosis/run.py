@@ -91,7 +91,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     vehicle = free_frame(vehicle, frame)
     settings = Settings(free=free, known=known, unbounded=tuple(sizes), names=tuple(only),
                         false_alarm=false_alarm, max_causes=max_causes, jobs=jobs, seed=seed,
-                        policy=policy, refit=refit)
+                        policy=policy, refit=refit,
+                        joint=model.covariance.get("joint") if refit else None)
 
     pace = ProgressEstimator(progress)
     for part in sets:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
@@ -23,6 +24,8 @@ from .groups import GROUPS, MERGED, Quantity
 from .sets import GroupFits, GroupSet, Posterior, posterior
 from .unseen import RecordingLosses
 
+# Added to the diagonal of correlations: a file states them with a few digits.
+CORRELATION_ERROR = 1e-3
 PARAMETER_DRAWS = 200  # of the fitted parameters, for the standard error of a quantity
 
 
@@ -89,13 +92,28 @@ def _pair_groups(found: Posterior, difference: float) -> list[GroupSet]:
 
 
 def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
-    """Return whether a parameter has left the range stated in the file; True without a range."""
+    """Return whether parameters have left the range stated in the file; True without a range.
+
+    They have if one of them has left its standard errors, or all of them together have left the
+    ellipsoid of the same probability. The sum of a delay and a lag is known far better than each,
+    so a change of both within their errors can be far outside of it:
+
+        x^T R^-1 x > quantile of chi^2 with k degrees of freedom
+
+    x (k,): changes in standard errors, R (k, k): correlations that the file states.
+    """
     point = groups.full
     mine = [n for g in part for n in groups.names(g)]
-    if not any(n in groups.known for n in mine):
+    known = [n for n in mine if n in groups.known]
+    if not known:
         return True
-    return any(abs(point.x[point.space.names.index(n)]) > groups.policy.claims.stated
-               for n in mine)
+    stated = groups.policy.claims.stated
+    if any(abs(point.x[point.space.names.index(n)]) > stated for n in mine):
+        return True
+    x = np.array([point.x[point.space.names.index(n)] for n in known])
+    correlation = groups.stated_correlation(known) + CORRELATION_ERROR * np.eye(len(known))
+    distance = float(x @ np.linalg.solve(correlation, x))
+    return bool(distance > chi2.ppf(2.0 * norm.cdf(stated) - 1.0, len(known)))
 
 
 def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: Cost,

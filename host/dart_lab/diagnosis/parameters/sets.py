@@ -20,6 +20,7 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.core.config.model import Covariance
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import add_null_effects
 from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
@@ -42,14 +43,19 @@ class GroupFits:
     """
 
     def __init__(self, evidence: Evidence, base: Vehicle, full: Point, unit: IntArray,
-                 known: Mapping[str, float], policy: Policy) -> None:
-        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together."""
+                 known: Mapping[str, float], policy: Policy, joint: Covariance | None = None
+                 ) -> None:
+        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together.
+
+        joint: covariance of parameters that the file of the model states.
+        """
         self.evidence = evidence
         self.base = base
         self.full = full
         self.unit = unit
         self.known = known
         self.policy = policy
+        self._joint = joint
         effects = {a.name for a in full.vehicle.effects} - {a.name for a in base.effects}
         self.free = tuple(n for n in full.space.names if n.partition(".")[0] not in effects)
         self._names = {g: group.select(self.free) for g, group in GROUPS.items()}
@@ -62,6 +68,22 @@ class GroupFits:
     def names(self, group: str) -> tuple[str, ...]:
         """Return the free parameters of a group."""
         return self._names[group]
+
+    def stated_correlation(self, names: Sequence[str]) -> FloatArray:
+        """Return the correlations (k, k) of parameters by the file of the model, 0 if unstated."""
+        out = np.eye(len(names))
+        if self._joint is None:
+            return out
+        place = {name: i for i, name in enumerate(self._joint.names)}
+        shared = [i for i, name in enumerate(names) if name in place]
+        rows = [place[names[i]] for i in shared]
+        covariance = np.array(self._joint.matrix)[np.ix_(rows, rows)]
+        std = np.sqrt(np.diag(covariance))
+        known = std > 0.0
+        there = np.array(shared, dtype=np.int64)[known]
+        out[np.ix_(there, there)] = (covariance[np.ix_(known, known)]
+                                     / np.outer(std[known], std[known]))
+        return out
 
     def coordinates(self, group: str) -> list[int]:
         """Return the indices of a group in the last fit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle.effects import catalogue
 
 from ..evidence.residuals import Evidence
@@ -25,6 +26,7 @@ class Settings:
     free: parameters of the base that are fitted. unbounded: those that may leave the standard
     errors of ``known`` at the price of their prior alone. refit: the effects of the base are fitted
     as well.
+    joint: covariance of parameters that the file of the model states; None: standard errors alone.
     """
 
     free: tuple[str, ...] = ()
@@ -37,6 +39,7 @@ class Settings:
     seed: int = 0
     policy: Policy = USUAL
     refit: bool = True
+    joint: Covariance | None = None
 
 
 @dataclass(frozen=True, slots=True)
