@@ -12,9 +12,11 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.car import open_url
-from dart_hal.core.config import load_car
+from dart_hal.core.config import load_car, load_model
 from dart_hal.core.errors import ConfigError
+from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.new_car import SHAPE, SHAPE_STD
+from studies.diagnosis.hidden_drive import Plan, write
 from tests.common import ROOT
 
 DART_01 = ROOT / "cars" / "dart-01" / "car.toml"
@@ -168,6 +170,27 @@ def test_what_is_missing_is_requested_at_the_terminal(verb, monkeypatch):
     assert ran.code == 0, ran.err
     assert "VALUE+-STD" in ran.err
     assert load_car("asked").config.geometry.mass == 3.5
+
+
+@pytest.mark.slow
+def test_joint_fit_moves_the_sizes_and_states_where_they_are_from(verb, tmp_path):
+    drive = write(tmp_path / "drive.csv", PAPER, 21, Plan(seconds=30.0))
+    verb("car", "new", "plate", *options({
+        "--wheelbase": "0.175+-0.002", "--mass": "1.67+-0.02", "--l-f": "0.0805+-0.002",
+        "--yaw-inertia": "0.0065+-0.0006"}))
+    words = ("identify", "all", "--joint", "--car", "plate", "--out", "cars/plate/model.toml",
+             drive)
+    ran = verb(*words)
+    assert "sizes of car.toml: wheelbase 0.175 +- 0.002 -> " in " ".join(ran.out.split())
+    body = load_model("cars/plate/model.toml").body
+    for key, std in (("wheelbase", 0.002), ("l_f", 0.002), ("mass", 0.02),
+                     ("yaw_inertia", 0.0006)):
+        assert body[key].method == "car.toml, joint fit"
+        assert 0.0 < body[key].std < 1.2 * std
+        assert abs(body[key].value - getattr(PAPER.body, key)) < 3.0 * std
+    assert body["l_r"] == pytest.approx(body["wheelbase"].value - body["l_f"].value)
+    again = verb(*words, "--dry-run")
+    assert "wheelbase 0.175 +- 0.002 -> " in " ".join(again.out.split()), "car.toml is the prior"
 
 
 def test_car_without_an_encoder_cannot_be_opened(verb):
