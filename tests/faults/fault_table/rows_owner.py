@@ -254,7 +254,7 @@ def unwire_capture(cut: str) -> Callable[[Bench], Measured]:
     """Cars that arm with cutoff_test = true although no pulse ever reaches the capture input."""
     def measure(bench: Bench) -> Measured:
         wiring = {"oe": OutputEnable, "mux": Multiplexer}[cut]
-        with patch.object(wiring, "captured", False):
+        with patch.object(wiring, "passes_capture", False):
             drive = bench.drive(f"&cutoff={cut}", edit=REQUIRE_CUTOFF_TEST)
             drive.run(drive.settling)
             try:
