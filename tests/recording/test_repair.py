@@ -100,7 +100,7 @@ def test_an_older_repair_is_not_overwritten(run_file):
     run_file.write_bytes(data)
     other = run_file.with_name(run_file.name + ".old")
     other.write_bytes(b"mine")
-    with pytest.raises(RecordingError, match="older repair"):
+    with pytest.raises(RecordingError, match="earlier repair"):
         repair(run_file)
     assert (run_file.read_bytes(), other.read_bytes()) == (data, b"mine")
 
