@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 
+import dart_lab
 from dart_hal import find_model, read_any
 from dart_hal.recording.imported import write_imported
 from dart_hal.vehicle.load import vehicle_of
@@ -21,8 +22,7 @@ from dart_lab.identification.write import model_from
 from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
-LOG = next(p for p in (Path("data/zheng2022_day1.csv.gz"), Path("docs/notebooks/data/zheng2022_day1.csv.gz"),
-                       *(d / "docs/notebooks/data/zheng2022_day1.csv.gz" for d in Path.cwd().parents)) if p.is_file())
+LOG = Path(dart_lab.__file__).parents[2] / "docs" / "notebooks" / "data" / "zheng2022_day1.csv.gz"
 
 # %% [markdown]
 # ## Which column is what
@@ -80,7 +80,7 @@ for name, m in (("sizes alone", start), ("fitted", model)):
     errors[name] = result.model.to_json()["1.0"]["pooled"]
 errors["constant velocity"] = result.ctrv.to_json()["1.0"]["pooled"]
 figure, axes = plt.subplots(1, 4, figsize=(12, 3))
-for ax, (key, label) in zip(axes, labels.items()):
+for ax, (key, label) in zip(axes, labels.items(), strict=True):
     ax.bar(list(errors), [e[key] for e in errors.values()], color=["#bbb", "#06c", "#e80"])
     ax.set_title(label)
     ax.tick_params(axis="x", rotation=20)
