@@ -25,10 +25,10 @@ from dart_lab.identification.evaluation import (
     HORIZONS,
     Case,
     errors,
-    hold,
     kinematic,
     measured,
     predict,
+    predict_ctrv,
     prepare,
 )
 
@@ -55,7 +55,8 @@ class Baselines:
         self.paths = [paths[c.file] for c in self.cases for _ in range(len(c))]
         truth = measured(self.cases)
         self.errors = [errors(states, truth) for states in (
-            hold(self.cases), predict(kinematic(PAPER), self.cases), predict(PAPER, self.cases))]
+            predict_ctrv(self.cases), predict(kinematic(PAPER), self.cases),
+            predict(PAPER, self.cases))]
         later = prepare(self.recordings, l_r=UPSTREAM_2024.body.l_r).cases
         self.upstream = errors(predict(UPSTREAM_2024, later), measured(later))
 

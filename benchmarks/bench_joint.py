@@ -18,7 +18,7 @@ from dart_hal.core.process.jobs import cores, each
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identification.evaluation import errors, hold, measured, predict, prepare
+from dart_lab.identification.evaluation import errors, measured, predict, predict_ctrv, prepare
 from dart_lab.identification.shooting import fit_from_recordings
 
 SECOND = 1
@@ -54,7 +54,7 @@ def _without(by_day: dict[str, list[Recording]],
     spent = time.process_time() - begin
     cases = prepare(by_day[day]).cases
     held, paper, joint = (errors(states, measured(cases))[SECOND] for states in (
-        hold(cases), predict(PAPER, cases), predict(fit.vehicle, cases)))
+        predict_ctrv(cases), predict(PAPER, cases), predict(fit.vehicle, cases)))
     return held, paper, joint, spent
 
 

@@ -22,7 +22,7 @@ import os
 # as the command line: results do not depend on the number of processes
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false "
-                                   "intra_op_parallelism_threads=1")
+                      "intra_op_parallelism_threads=1")
 
 import argparse
 import json
@@ -48,7 +48,7 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.error_summaries import Ratio, geometric_mean
 from dart_lab.identification.evaluation.cases import prepare, short
-from dart_lab.identification.evaluation.prediction import CHANNELS, UNITS
+from dart_lab.identification.evaluation.prediction import CHANNELS, ERROR_UNITS
 
 HELD_OUT = (
     "91_free_driving_16_sept_2024/car_1_Datarecording_09_16_2024_10_01_01.csv",
@@ -158,12 +158,12 @@ def compare(folds: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]
 def tables(folds: Sequence[dict[str, Any]], title: str) -> list[Table]:
     """Make the tables of some recordings held out."""
     heads = [f"{c} {u}".replace("yaw_deg deg", "yaw deg")
-             for c, u in zip(CHANNELS, UNITS, strict=True)]
+             for c, u in zip(CHANNELS, ERROR_UNITS, strict=True)]
     models = list(folds[0]["rmse"])
     weights = [fold["windows"] for fold in folds]
     n = len(folds)
     out = [Table("model", *heads, title=f"{title}: RMSE 1 s ahead, {sum(weights)} windows of {n} "
-                                        "recordings")]
+                 "recordings")]
     for name in models:
         square = np.exp(2.0 * log_errors(folds, name))
         out[-1].add_row(name, *_figures(np.sqrt(np.average(square, axis=0, weights=weights))))

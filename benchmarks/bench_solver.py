@@ -23,7 +23,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.least_squares import Solution, at_bound
 from dart_hal.vehicle.fitting.robust import soft_l1_weight
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identification.shooting import JointFit, Problem, fit, fit_from_recordings
+from dart_lab.identification.shooting import JointFit, ShootingProblem, fit, fit_from_recordings
 
 FOLDERS = ("60*", "circles*")
 TOLERANCE = 1e-4  # of the cost, as ours
@@ -60,14 +60,14 @@ def by_scipy(residual: Callable[[FloatArray], FloatArray],
 def measure(solver: Callable[..., Solution]) -> tuple[JointFit, int, float]:
     """(fit, rollouts of all windows, CPU time [s]) of one joint fit."""
     recordings = read_any([p for name in FOLDERS for p in sorted(EXCERPT.glob(name))])[0]
-    predict, count = Problem.predict, 0
+    predict, count = ShootingProblem.predict, 0
 
-    def counted(self: Problem, *given: Any) -> FloatArray:
+    def counted(self: ShootingProblem, *given: Any) -> FloatArray:
         nonlocal count
         count += 1
         return predict(self, *given)
 
-    with patch.object(fit, "descend", solver), patch.object(Problem, "predict", counted):
+    with patch.object(fit, "descend", solver), patch.object(ShootingProblem, "predict", counted):
         begin = time.process_time()
         made = fit_from_recordings(recordings, PAPER)[0]
         return made, count, time.process_time() - begin

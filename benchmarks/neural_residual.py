@@ -26,7 +26,7 @@ from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.cases import Case
 from dart_lab.identification.evaluation.prediction import errors, measured, parts
-from dart_lab.identification.prediction.rollout import inputs, windowed
+from dart_lab.identification.prediction.rollout import cut_windows, inputs
 
 Network = Any
 """[(weights, offsets)] of each layer, with the scales of inputs and outputs that stay fixed."""
@@ -62,7 +62,7 @@ class Scales(NamedTuple):
 def make_windows(vehicle: Vehicle, cases: Sequence[Case], samples: int = SECOND) -> Windows:
     """Collect the windows of the evaluation, with commands behind the vehicle's actuators."""
     throttle, angle, first = inputs(vehicle, parts(cases))
-    both = np.stack([windowed(s, first, samples) for s in (throttle, angle)], axis=1)
+    both = np.stack([cut_windows(s, first, samples) for s in (throttle, angle)], axis=1)
     states = measured(cases, range(samples + 1))
     return Windows(*(np.asarray(a, np.float32) for a in (states[0], both, states[1:, 3:])))
 

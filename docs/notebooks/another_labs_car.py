@@ -18,7 +18,7 @@ from dart_hal import find_model, read_any
 from dart_hal.recording.imported import write_imported
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab import check_inputs, diagnose, evaluate, identify
-from dart_lab.identification.write import model_from
+from dart_lab.identification.write import build_model
 from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
@@ -72,7 +72,7 @@ print(train.marker)
 start, _ = find_model("paper")
 start = msgspec.structs.replace(start, body={"wheelbase": 0.325, "l_f": 0.1625, "l_r": 0.1625, "mass": 3.5, "yaw_inertia": 0.0638})
 outcome = identify([train], start, joint=True)
-model = model_from(outcome.fits, outcome.over(start), outcome.source, joint=outcome.joint).model
+model = build_model(outcome.fits, outcome.over(start), outcome.source, joint=outcome.joint).model
 labels = {"vx": "speed [m/s]", "vy": "lateral velocity [m/s]", "yaw_rate": "yaw rate [rad/s]", "position": "position [m]"}
 errors = {}
 for name, m in (("sizes alone", start), ("fitted", model)):

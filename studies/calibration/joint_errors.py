@@ -14,10 +14,10 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_lab.identification.experiment.floor import Floor
-from dart_lab.identification.experiment.handover import mass_of, note_mass
+from dart_lab.identification.experiment.handover import find_mass, note_mass
 from dart_lab.identification.experiment.make import conduct, make_plan
 from dart_lab.identification.measured import named_model
-from dart_lab.identification.outcome import jointly
+from dart_lab.identification.outcome import identify_jointly
 from dart_lab.identification.write import SECTIONS
 from dart_lab.sim.truth import reveal_url
 from studies.calibration.hidden_errors import Errors, all_errors, url_of
@@ -47,7 +47,7 @@ def drive(seed: int, folder: Path) -> list[Path]:
         backend = open_backend(url)
         plan = make_plan(name, load_files(backend, "", folder), Floor.parse(FLOOR), None)
         with Car.over(backend, cars=folder, record=part) as car:
-            note_mass(car, mass_of(car.files, None, backend.workshop))
+            note_mass(car, find_mass(car.files, None, backend.workshop))
             conduct(car, plan)
         part.rename(run)
     return runs
@@ -58,7 +58,7 @@ def joint_errors(seed: int, folder: Path) -> Errors:
     runs = drive(seed, folder)
     base, _ = named_model("measured", runs)
     recordings, skipped = read_any(runs)
-    found, _ = jointly(recordings, skipped, SECTIONS, base, "")
+    found, _ = identify_jointly(recordings, skipped, SECTIONS, base, "")
     true = true_parameters(seed, files_span(runs[0]))
     rows: Errors = {}
     for section, fit in found.fits.items():

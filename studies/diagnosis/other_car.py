@@ -34,7 +34,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_lab import diagnose, identify
 from dart_lab.diagnosis.inputs import check_inputs
-from dart_lab.identification.write import model_from
+from dart_lab.identification.write import build_model
 from dart_lab.importing import Table, convert_tables, load_map, read_tables
 
 HOME = Path(__file__).parents[2]
@@ -224,7 +224,8 @@ def fit_model(recording: Recording) -> ModelFile:
     start, _ = find_model("paper")
     start = msgspec.structs.replace(start, body=BODY)
     outcome = identify([recording], start, joint=True)
-    model = model_from(outcome.fits, outcome.over(start), outcome.source, joint=outcome.joint).model
+    model = build_model(outcome.fits, outcome.over(start), outcome.source,
+                        joint=outcome.joint).model
     if model is None:
         raise SystemExit("the recording cannot be fitted")
     return model

@@ -10,23 +10,23 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle import PAPER
-from dart_lab.identification.fit import TIME_KNOWN
+from dart_lab.identification.fit import MAX_TIME_STD
 from dart_lab.identification.submodels import delay, fit_submodels
-from dart_lab.identification.submodels.driving import Driving
+from dart_lab.identification.submodels.driving import StraightDriving
 from dart_lab.identification.submodels.report import Ledger
-from dart_lab.identification.submodels.steering_timing import Timing
+from dart_lab.identification.submodels.steering_timing import ActuatorTiming
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
-NOT_DRIVEN = Driving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)
+NOT_DRIVEN = StraightDriving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)
 
 
 @pytest.mark.parametrize(("std", "offset", "identifiable"), [
-    (0.9 * TIME_KNOWN, True,
+    (0.9 * MAX_TIME_STD, True,
      True),  # a lag of zero can be identified: its error counts, not its share
-    (1.1 * TIME_KNOWN, True, False), (0.9 * TIME_KNOWN, False, False)])
+    (1.1 * MAX_TIME_STD, True, False), (0.9 * MAX_TIME_STD, False, False)])
 def test_a_time_is_reported_by_its_error_alone(monkeypatch, std, offset, identifiable):
-    found = Timing(np.array([0.03, 0.0]), std**2 * np.eye(2), offset, (), 100, 0.1, True)
-    monkeypatch.setattr(delay, "turning_of", lambda *_: object())
+    found = ActuatorTiming(np.array([0.03, 0.0]), std**2 * np.eye(2), offset, (), 100, 0.1, True)
+    monkeypatch.setattr(delay, "read_yaw_response", lambda *_: object())
     monkeypatch.setattr(delay, "steering_timing", lambda _: found)
     fit = delay.fit_delay([object()], None, PAPER, NOT_DRIVEN, Ledger())
     assert fit.parameters["steering_s"].identifiable is identifiable

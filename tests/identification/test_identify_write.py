@@ -13,8 +13,8 @@ from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import model_of, vehicle_of
-from dart_lab.identification.fit import Estimate, Fit
-from dart_lab.identification.write import Source, model_from, why_unsound, write
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
+from dart_lab.identification.write import Source, build_model, why_unsound, write
 
 SOURCE = Source({"a.csv": "12ab"}, "dart-hal identify all a.csv", {"a.csv": (0.09, -0.0164, 0.0)})
 
@@ -22,9 +22,9 @@ SOURCE = Source({"a.csv": "12ab"}, "dart-hal identify all a.csv", {"a.csv": (0.0
 def fit(name, values, **changes):
     k = len(values)
     spread = np.diag(np.linspace(0.01, 0.02, k)) + 0.001
-    given = Fit(name, {key: Estimate(value, math.sqrt(spread[i, i]), "N")
-                       for i, (key, value) in enumerate(values.items())},
-                spread, 500, 0.2, "N", True)
+    given = SubmodelFit(name, {key: FittedParameter(value, math.sqrt(spread[i, i]), "N")
+                               for i, (key, value) in enumerate(values.items())},
+                        spread, 500, 0.2, "N", True)
     return replace(given, **changes)
 
 
@@ -36,7 +36,7 @@ TYRES = {"front_D": 4.0, "front_C": 1.2, "front_B": 9.0, "front_E": -0.5,
 
 def test_a_sound_fit_comes_back_from_the_file(tmp_path):
     fits = {"friction": fit("friction", FRICTION), "motor": fit("motor", MOTOR)}
-    path = write(model_from(fits, model_of(PAPER), SOURCE), tmp_path / "model.toml")
+    path = write(build_model(fits, model_of(PAPER), SOURCE), tmp_path / "model.toml")
     model = load_model(path)
     assert model.friction["a"] == Quantity(1.5, math.sqrt(0.011))
     car = vehicle_of(model)
@@ -58,11 +58,11 @@ def test_a_sound_fit_comes_back_from_the_file(tmp_path):
     ({"converged": False, "n": 0}, "not identified")])
 def test_an_unsound_fit_leaves_a_good_file_as_it_is(tmp_path, changes, text):
     path = tmp_path / "model.toml"
-    write(model_from({"friction": fit("friction", FRICTION)}, model_of(PAPER), SOURCE), path)
+    write(build_model({"friction": fit("friction", FRICTION)}, model_of(PAPER), SOURCE), path)
     before = path.read_bytes()
     bad = fit("friction", {**FRICTION, "a": 9.9}, **changes)
     assert text in why_unsound(bad)
-    written = model_from({"friction": bad}, load_model(path), SOURCE)
+    written = build_model({"friction": bad}, load_model(path), SOURCE)
     assert written.model is None
     assert text in written.left_out["friction"]
     assert write(written, path) is None
@@ -73,10 +73,10 @@ def test_an_unsound_fit_leaves_a_good_file_as_it_is(tmp_path, changes, text):
 def test_an_unsound_section_keeps_the_identified_values_of_before(tmp_path):
     path = tmp_path / "model.toml"
     first = {"friction": fit("friction", FRICTION), "motor": fit("motor", MOTOR)}
-    write(model_from(first, model_of(PAPER), SOURCE), path)
+    write(build_model(first, model_of(PAPER), SOURCE), path)
     second = {"friction": fit("friction", {**FRICTION, "a": 1.9}),
               "motor": fit("motor", {**MOTOR, "d": 99.0}, at_bound=("d",))}
-    again = model_from(second, load_model(path), Source({"b.csv": "34cd"}, "again"))
+    again = build_model(second, load_model(path), Source({"b.csv": "34cd"}, "again"))
     write(again, path)
     model = load_model(path)
     assert model.motor["d"] == Quantity(20.0, math.sqrt(0.011))
@@ -91,10 +91,10 @@ def test_an_unsound_section_keeps_the_identified_values_of_before(tmp_path):
 def test_a_joint_covariance_takes_the_place_of_the_single_ones(tmp_path):
     fits = {name: fit(name, values) for name, values in (("friction", FRICTION), ("motor", MOTOR))}
     joint = Covariance(("friction.a", "motor.d"), ((0.01, 0.002), (0.002, 0.04)))
-    path = write(model_from(fits, model_of(PAPER), SOURCE, joint=joint), tmp_path / "model.toml")
+    path = write(build_model(fits, model_of(PAPER), SOURCE, joint=joint), tmp_path / "model.toml")
     assert load_model(path).covariance == {"joint": joint}
     # a later fit of one section alone: the joint table no longer holds
-    model = model_from({"motor": fits["motor"]}, load_model(path), SOURCE).model
+    model = build_model({"motor": fits["motor"]}, load_model(path), SOURCE).model
     assert set(model.covariance) == {"motor"}
 
 
@@ -103,7 +103,7 @@ def test_a_joint_fit_is_written_whole_or_not_at_all():
     fits = {name: fit(name, values) for name, values in (("friction", FRICTION), ("motor", MOTOR))}
     joint = Covariance(("friction.a", "motor.d"), ((0.01, 0.002), (0.002, 0.04)))
     bad = {**fits, "motor": replace(fits["motor"], at_bound=("e",))}
-    written = model_from(bad, model_of(PAPER), SOURCE, joint=joint)
+    written = build_model(bad, model_of(PAPER), SOURCE, joint=joint)
     assert written.model is None
     assert set(written.left_out) == {"friction", "motor"}
     assert "motor: e stopped" in written.left_out["friction"]
@@ -111,25 +111,25 @@ def test_a_joint_fit_is_written_whole_or_not_at_all():
 
 def test_tyres_of_the_same_form_keep_what_was_not_fitted():
     base = model_of(with_values(PAPER, {"tyres.front_E": -2.0}))
-    written = model_from({"tyres": fit("tyres", {"front_D": 4.0})}, base, SOURCE)
+    written = build_model({"tyres": fit("tyres", {"front_D": 4.0})}, base, SOURCE)
     car = vehicle_of(written.model)
     assert (car.tyres.front_D, car.tyres.front_E) == (4.0, -2.0)
-    axle = model_from({"tyres": fit("tyres", {"front_D": 0.9, "rear_D": 0.8})},
-                      model_of(UPSTREAM_2024), SOURCE)
+    axle = build_model({"tyres": fit("tyres", {"front_D": 0.9, "rear_D": 0.8})},
+                       model_of(UPSTREAM_2024), SOURCE)
     assert vehicle_of(axle.model).slip == UPSTREAM_2024.slip
     assert vehicle_of(axle.model).tyres.rear_C == UPSTREAM_2024.tyres.rear_C
 
 
 def test_values_that_no_car_can_have_are_left_out():
-    written = model_from({"friction": fit("friction", {**FRICTION, "a": -3.0}),
-                          "motor": fit("motor", MOTOR)}, model_of(PAPER), SOURCE)
+    written = build_model({"friction": fit("friction", {**FRICTION, "a": -3.0}),
+                           "motor": fit("motor", MOTOR)}, model_of(PAPER), SOURCE)
     assert written.sections == ("motor",)
     assert "out of range" in written.left_out["friction"]
     assert vehicle_of(written.model).friction == PAPER.friction
 
 
 def test_tyres_replace_those_of_another_form():
-    written = model_from({"tyres": fit("tyres", TYRES)}, model_of(UPSTREAM_2024), SOURCE)
+    written = build_model({"tyres": fit("tyres", TYRES)}, model_of(UPSTREAM_2024), SOURCE)
     car = vehicle_of(written.model)
     assert car.tyres.rear_cornering_stiffness == 40.0
     assert car.tyres.front_D == 4.0
@@ -137,11 +137,12 @@ def test_tyres_replace_those_of_another_form():
 
 
 def test_an_unknown_error_is_not_written_as_a_number(tmp_path):
-    estimates = {"a": Estimate(1.5, 0.1, "N"), "b": Estimate(12.0, math.inf, "s/m", False),
-                 "c": Estimate(0.4, 0.1, "N s/m")}
+    estimates = {"a": FittedParameter(1.5, 0.1, "N"),
+                 "b": FittedParameter(12.0, math.inf, "s/m", False),
+                 "c": FittedParameter(0.4, 0.1, "N s/m")}
     covariance = np.full((3, 3), np.inf)
     given = replace(fit("friction", FRICTION), parameters=estimates, covariance=covariance)
-    path = write(model_from({"friction": given}, model_of(PAPER), SOURCE), tmp_path / "m.toml")
+    path = write(build_model({"friction": given}, model_of(PAPER), SOURCE), tmp_path / "m.toml")
     model = load_model(path)
     assert model.friction["b"] == 12.0
     assert "friction" not in model.covariance

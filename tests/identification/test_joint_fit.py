@@ -15,8 +15,8 @@ from dart_hal.vehicle import PAPER, rollout
 from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
-from dart_lab.identification.prediction.actuators import actuated, delay_command
-from dart_lab.identification.shooting import Problem, fit_jointly
+from dart_lab.identification.prediction.actuators import actuator_outputs, delay_command
+from dart_lab.identification.shooting import ShootingProblem, fit_jointly
 
 TRUE = with_values(PAPER, {
     "friction.a": 1.5, "motor.d": 26.0, "motor.g": -0.14, "steering.a_left_rad": 0.30,
@@ -35,7 +35,7 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
     t, unknown = np.arange(n) * 0.01, np.full(n, np.nan)
     commands = Grid(t, *[unknown] * 6, throttle, steering, unknown, np.zeros(n, dtype=bool),
                     SEP_24)
-    tau, delta = actuated(vehicle, commands, smooth=True, sampled="mean")
+    tau, delta = actuator_outputs(vehicle, commands, smooth=True, sampled="mean")
     start = np.array([[0.0], [0.0], [0.0], [1.2], [0.0], [0.0]])
     states = rollout(vehicle, start, tau[:, None], delta[:, None])[:, :, 0]
     states = np.concatenate([start.T, states[:-1]])
@@ -45,7 +45,7 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
 
 @pytest.fixture(scope="module")
 def joint():
-    return fit_jointly(Problem.of([driven(1, 30.0), driven(2, 30.0)]), PAPER)
+    return fit_jointly(ShootingProblem.from_grids([driven(1, 30.0), driven(2, 30.0)]), PAPER)
 
 
 def test_every_parameter_lies_within_its_interval(joint):
@@ -73,8 +73,8 @@ def test_prediction_of_another_centre_of_mass_is_that_of_the_measured_point():
     """The same motion, read 10 mm behind the centre of mass of the model."""
     shift = 0.01
     g = driven(1, 10.0)
-    behind = Problem.of([replace(g, v_y=g.v_y - shift * g.omega)])
-    expected = Problem.of([g]).predict(TRUE)
+    behind = ShootingProblem.from_grids([replace(g, v_y=g.v_y - shift * g.omega)])
+    expected = ShootingProblem.from_grids([g]).predict(TRUE)
     expected[:, 1] -= shift * expected[:, 2]
     assert behind.predict(TRUE, shift) == pytest.approx(expected, abs=1e-9)
 
@@ -83,7 +83,7 @@ def test_prediction_of_another_centre_of_mass_is_that_of_the_measured_point():
 def test_sizes_move_within_the_errors_that_car_toml_states():
     """Of a car that is 25 mm shorter and lighter than in its car.toml."""
     wrong = with_values(TRUE, {"body.wheelbase": 0.2, "body.l_f": 0.1055, "body.mass": 1.8})
-    problem = Problem.of([driven(1, 30.0), driven(2, 30.0)])
+    problem = ShootingProblem.from_grids([driven(1, 30.0), driven(2, 30.0)])
     known = {"body.wheelbase": 0.02, "body.l_f": 0.02, "body.mass": 0.1, "body.yaw_inertia": 5e-4}
     free = fit_jointly(problem, wrong, known=known)
     fixed = fit_jointly(problem, wrong)
@@ -97,7 +97,7 @@ def test_sizes_move_within_the_errors_that_car_toml_states():
 
 
 def test_a_lag_enters_the_prediction_without_a_jump():
-    problem = Problem.of([driven(1, 10.0)])
+    problem = ShootingProblem.from_grids([driven(1, 10.0)])
     none, hardly = (problem.predict(with_values(TRUE, {
         "delay.steering_lag_s": lag, "delay.throttle_lag_s": lag})) for lag in (0.0, 1e-4))
     some = problem.predict(TRUE)
@@ -109,7 +109,8 @@ def test_a_car_without_lags_is_fitted_to_the_end():
     """Commands of every frame, as in runs of our own: a jump at no lag stopped the fit."""
     prompt = with_values(TRUE, {"delay.steering_s": 0.018, "delay.steering_lag_s": 0.0,
                                 "delay.throttle_lag_s": 0.0})
-    joint = fit_jointly(Problem.of([driven(5, vehicle=prompt, noise=(0.004, 0.002, 0.01))]), PAPER)
+    joint = fit_jointly(ShootingProblem.from_grids([driven(5, vehicle=prompt,
+                                                           noise=(0.004, 0.002, 0.01))]), PAPER)
     assert [name for name, fit in joint.fits.items() if not fit.converged] == []
     assert joint.vehicle.delay.steering_s + joint.vehicle.delay.steering_lag_s == pytest.approx(
         0.018, abs=0.004)
@@ -124,7 +125,7 @@ def test_what_the_data_do_not_show_is_reported():
     straight = Grid(g.t, g.x, g.y, g.yaw, g.v_x + noise[0], noise[1], noise[2], g.throttle,
                     np.full_like(g.steering, -PAPER.steering.s0), g.encoder, g.bad,
                     g.reference)
-    fits = fit_jointly(Problem.of([straight]), PAPER).fits
+    fits = fit_jointly(ShootingProblem.from_grids([straight]), PAPER).fits
     assert not fits["tyres"].parameters["front_D"].identifiable
     assert not fits["steering"].parameters["a_left_rad"].identifiable
     assert fits["steering"].parameters["s0"].identifiable
@@ -132,7 +133,7 @@ def test_what_the_data_do_not_show_is_reported():
 
 @pytest.mark.slow
 def test_the_order_of_recordings_does_not_matter(joint):
-    other = fit_jointly(Problem.of([driven(2, 30.0), driven(1, 30.0)]), PAPER)
+    other = fit_jointly(ShootingProblem.from_grids([driven(2, 30.0), driven(1, 30.0)]), PAPER)
     for name in joint.names:
         assert value(other.vehicle, name) == pytest.approx(value(joint.vehicle, name), rel=2e-3,
                                                            abs=2e-3)
@@ -141,7 +142,7 @@ def test_the_order_of_recordings_does_not_matter(joint):
 @pytest.mark.slow
 def test_what_the_base_knows_better_stays_known():
     """A standard error of the base is its prior: a poor recording does not wash it out."""
-    problem = Problem.of([driven(5, 20.0)])
+    problem = ShootingProblem.from_grids([driven(5, 20.0)])
     known = {"steering.k_left": 0.02, "friction.a": 0.03}
     free = fit_jointly(problem, PAPER)
     held = fit_jointly(problem, PAPER, known=known)
@@ -156,7 +157,7 @@ def test_what_the_base_knows_better_stays_known():
 
 @pytest.mark.slow
 def test_bases_that_cannot_be_moved():
-    problem = Problem.of([driven(5, 20.0)])
+    problem = ShootingProblem.from_grids([driven(5, 20.0)])
     with pytest.raises(UsageError, match="base of 0"):
         fit_jointly(problem, with_values(PAPER, {"friction.a": 0.0}))
     rolling = fit_jointly(problem, replace(PAPER, kind="kinematic"))
@@ -169,12 +170,12 @@ def test_bad_samples_are_never_predicted():
     bad[700:900] = True
     part = Grid(g.t, g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega, g.throttle, g.steering, g.encoder,
                 bad, g.reference)
-    [(_, starts)] = Problem.of([part]).parts
+    [(_, starts)] = ShootingProblem.from_grids([part]).parts
     for first in starts:
         assert not bad[first - 8:first + 107].any()
     bad[:] = True
     with pytest.raises(RecordingError, match="no stretch"):
-        Problem.of([part])
+        ShootingProblem.from_grids([part])
 
 
 def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
@@ -227,7 +228,7 @@ def test_commands_of_a_run_that_all_waited_longer_make_no_significant_lag(wait):
                               "delay.steering_s": 0.02, "delay.steering_lag_s": 0.0})
     late = with_values(car, {"delay.throttle_s": 0.026, "delay.steering_s": 0.026})
     grids = [driven(seed, 40.0, late, (0.004, 0.002, 0.01)) for seed in (1, 2)]
-    problem = replace(Problem.of(grids), waits=(wait, wait))
+    problem = replace(ShootingProblem.from_grids(grids), waits=(wait, wait))
     found = fit_jointly(problem, car, ("delay",), known={"delay.throttle_s": 0.001})
     lag = found.fits["delay"].parameters["throttle_lag_s"]
     assert (lag.value < 2.0 * lag.std) is (wait > 0.0)

@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.runs import FRAMES_PER_FINE_MESSAGE, FRAMES_PER_MESSAGE, finer, read_run
 from dart_hal.core.timing import SAMPLE
-from dart_lab.identification.prediction.commands import step_of
+from dart_lab.identification.prediction.commands import message_step
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def jumping(tmp_path_factory):
 def test_a_mean_represents_its_span(jumping, every):
     run = read_run(jumping, every)
     assert np.median(np.diff(run.messages.t)) < 0.5 * FRAMES_PER_MESSAGE * SAMPLE
-    assert step_of(run) == pytest.approx(every * SAMPLE)
+    assert message_step(run) == pytest.approx(every * SAMPLE)
 
 
 @pytest.mark.slow

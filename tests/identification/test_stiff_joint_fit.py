@@ -13,8 +13,8 @@ from dart_hal.vehicle import PAPER, integrate, rollout
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.native.library import NATIVE_SWITCH
 from dart_hal.vehicle.parameters import AxleTyres
-from dart_lab.identification.prediction.actuators import actuated
-from dart_lab.identification.shooting import Problem, fit_jointly
+from dart_lab.identification.prediction.actuators import actuator_outputs
+from dart_lab.identification.shooting import ShootingProblem, fit_jointly
 
 STIFF = replace(PAPER, tyres=AxleTyres(front_D=0.8, front_C=1.4, front_B=30.0, rear_D=0.8,
                                        rear_C=1.4, rear_B=40.0))
@@ -32,7 +32,7 @@ def driven(seed, seconds):
     t, unknown = np.arange(n) * 0.01, np.full(n, np.nan)
     commands = Grid(t, *[unknown] * 6, throttle, steering, unknown, np.zeros(n, dtype=bool),
                     SEP_24)
-    tau, delta = actuated(STIFF, commands, smooth=True, sampled="mean")
+    tau, delta = actuator_outputs(STIFF, commands, smooth=True, sampled="mean")
     start = np.array([[0.0], [0.0], [0.0], [0.5], [0.0], [0.0]])
     states = rollout(STIFF, start, tau[:, None], delta[:, None])[:, :, 0]
     states = np.concatenate([start.T, states[:-1]])
@@ -43,7 +43,8 @@ def driven(seed, seconds):
 def scores(seconds):
     """(error by standard error, identifiable) of the stiffness of each axle."""
     with np.errstate(all="ignore"):
-        found = fit_jointly(Problem.of([driven(1, seconds), driven(2, seconds)]), START, ("tyres",))
+        found = fit_jointly(ShootingProblem.from_grids([driven(1, seconds), driven(2, seconds)]),
+                            START, ("tyres",))
     out = {}
     for i, name in enumerate(found.names):
         off = value(found.vehicle, name) - value(STIFF, name)

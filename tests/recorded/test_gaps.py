@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.recording.dart import grid, marker, read
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
-from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
+from dart_lab.identification.prediction.windows import CLEAN_BEFORE, CLEAN_SAMPLES, find_windows
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 EDGE_S = 1e-6  # s
@@ -36,8 +36,8 @@ def assert_clean(g, starts, gaps, first: float = 0.0) -> None:
         high = end - first
         inside = (g.t > low + EDGE_S) & (g.t < high - EDGE_S)
         assert g.bad[inside].all(), "samples of a gap are bad"
-        begin = g.t[starts - BEFORE]
-        finish = g.t[np.minimum(starts + CLEAN, len(g) - 1)]
+        begin = g.t[starts - CLEAN_BEFORE]
+        finish = g.t[np.minimum(starts + CLEAN_SAMPLES, len(g) - 1)]
         assert not ((begin < high) & (finish > low)).any(), "no window reaches into a gap"
 
 

@@ -29,16 +29,16 @@ from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_lab.identification.experiment.floor import Floor
 from dart_lab.identification.experiment.handover import (
-    Outcome,
+    ExperimentOutcome,
+    find_mass,
     fit_run,
-    mass_of,
     note_mass,
     write_model,
 )
 from dart_lab.identification.experiment.make import conduct, make_plan
-from dart_lab.identification.experiment.plans import NAMES, PROBES, Plan
+from dart_lab.identification.experiment.plans import EXPERIMENTS, PROBES, ExperimentPlan
 from dart_lab.identification.experiment.plot import plot_drive
-from dart_lab.identification.experiment.runner import Drive
+from dart_lab.identification.experiment.runner import ExperimentDrive
 from dart_lab.report.numbers import with_error
 
 # Side of the floor of a simulated car [m] if --space is not given.
@@ -46,11 +46,11 @@ SIM_FLOOR = "10"
 
 
 @click.command("experiment")
-@click.argument("submodel", metavar="EXPERIMENT", type=click.Choice((*NAMES, *PROBES)))
+@click.argument("submodel", metavar="EXPERIMENT", type=click.Choice((*EXPERIMENTS, *PROBES)))
 @car_options
 @click.option("--space", "space", default=None, metavar="METRES",
               help="free floor: 8 (8 m x 8 m) or 12x3 (12 m along the car, 3 m across); needed on "
-                   f"a real car, {SIM_FLOOR} on sim://")
+              f"a real car, {SIM_FLOOR} on sim://")
 @click.option("--speed", type=FiniteNumber(0.2, 6.0), default=None, metavar="MAX",
               help="top speed in m/s (default: what the test needs, or less on a short floor)")
 @click.option("--mass", type=FiniteNumber(0.2, 20.0), default=None, metavar="KG",
@@ -83,7 +83,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     """
     if out_model is not None and submodel in PROBES:
         raise UsageError(f"{submodel} fits no sub-model", found="--out-model",
-                         expected=f"it with one of {', '.join(NAMES)}",
+                         expected=f"it with one of {', '.join(EXPERIMENTS)}",
                          remedy=f"dart-hal experiment {submodel}, then dart-hal diagnose")
     if out_model is not None and no_fit:
         raise UsageError("--no-fit leaves nothing to write", found="--no-fit --out-model",
@@ -95,7 +95,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         simulated = backend.url.scheme == "sim"
         files = load_files(backend, car_name, cars)
         plan = make_plan(submodel, files, _read_floor(backend, space, submodel), speed)
-        weighed = mass_of(files, mass, backend.workshop)
+        weighed = find_mass(files, mass, backend.workshop)
     except BaseException:
         backend.close()
         raise
@@ -138,7 +138,7 @@ def _read_floor(backend: Backend, space: str | None, submodel: str) -> Floor:
     return Floor.parse(space or SIM_FLOOR)
 
 
-def _confirm(plan: Plan, simulated: bool, yes: bool) -> None:
+def _confirm(plan: ExperimentPlan, simulated: bool, yes: bool) -> None:
     """Print the plan and ask before a real car moves. Raises ExperimentFailed."""
     console.print(f"This {plan}.{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
     for note in plan.notes:
@@ -153,7 +153,7 @@ def _confirm(plan: Plan, simulated: bool, yes: bool) -> None:
                                remedy="confirm once the floor is free; in a script: --yes")
 
 
-def _conduct(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
+def _conduct(car: Car, plan: ExperimentPlan, waive: tuple[str, ...], out: Path) -> ExperimentDrive:
     """Drive the plan with a progress bar; after Ctrl-C or a fault, print the recording's path."""
     try:
         with progress_bar() as bar:
@@ -165,7 +165,7 @@ def _conduct(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
         raise
 
 
-def _write_model(outcome: Outcome, files: CarFiles, run: Path, target: Path, submodel: str
+def _write_model(outcome: ExperimentOutcome, files: CarFiles, run: Path, target: Path, submodel: str
                  ) -> Path | None:
     """Write the sound fits; return the file, or None and print the reasons if no fit is sound."""
     typed = f"dart-hal experiment {submodel} --out {run} --out-model {target}"
@@ -175,7 +175,8 @@ def _write_model(outcome: Outcome, files: CarFiles, run: Path, target: Path, sub
     return target if written.sections else None
 
 
-def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome | None
+def to_json(source: str, out: Path, plan: ExperimentPlan, drive: ExperimentDrive,
+            outcome: ExperimentOutcome | None
             ) -> dict[str, Any]:
     """Return the object of ``--json``."""
     result: dict[str, Any] = {
@@ -185,7 +186,7 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
         "stopped": drive.stopped or None, "notes": list(plan.notes)}
     if outcome is not None:
         result |= {"fits": {name: fit.to_json() for name, fit in outcome.fits.items()},
-                   "base": {name: {p: outcome.before(name, p) for p in fit.parameters}
+                   "base": {name: {p: outcome.value_before(name, p) for p in fit.parameters}
                             for name, fit in outcome.fits.items()},
                    "mass_kg": {"value": outcome.mass.value, "std": outcome.mass.std},
                    "files": {file: {"used": r.used, "dropped": r.dropped, "why": list(r.why)}
@@ -195,7 +196,8 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
     return result
 
 
-def print_results(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -> None:
+def print_results(out: Path, drive: ExperimentDrive, outcome: ExperimentOutcome | None, model: Path
+                  | None) -> None:
     """Print the fits with the previous values and notes, the files and the next command."""
     if outcome is not None:
         for name, fit in outcome.fits.items():
@@ -216,13 +218,13 @@ def print_results(out: Path, drive: Drive, outcome: Outcome | None, model: Path 
         console.print(f"next: {typed} --out model.toml", markup=False, highlight=False)
 
 
-def _make_table(name: str, outcome: Outcome) -> Table:
+def _make_table(name: str, outcome: ExperimentOutcome) -> Table:
     fit = outcome.fits[name]
     table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}; +- one "
-                        "standard error", box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
+                  "standard error", box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
     for column in ("", "value", "before", "identifiable"):
         table.add_column(column, justify="right" if column == "before" else "left")
     for key, e in fit.parameters.items():
         table.add_row(key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}",
-                      f"{outcome.before(name, key):.5g}", "yes" if e.identifiable else "no")
+                      f"{outcome.value_before(name, key):.5g}", "yes" if e.identifiable else "no")
     return table

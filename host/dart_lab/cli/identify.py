@@ -29,8 +29,8 @@ from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.measured import default_model, named_model
-from dart_lab.identification.outcome import Identification, jointly, per_recording
-from dart_lab.identification.write import SECTIONS, Written, model_from, write
+from dart_lab.identification.outcome import Identification, identify_jointly, identify_per_recording
+from dart_lab.identification.write import SECTIONS, WrittenModel, build_model, write
 
 DEFAULT_OUT = Path("model.toml")
 
@@ -53,24 +53,24 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--as-paper", "root", type=click.Path(path_type=Path), default=None, metavar="ROOT",
               help="the paper's own preprocessing on its folders 19, 29, 30, 40 and 50 below ROOT, "
-                   "to compare with its published values; writes only with --out")
+              "to compare with its published values; writes only with --out")
 @click.option("--base", default=None, metavar="MODEL",
               help="source of all that is not identified: a model.toml or paper, paper-printed, "
-                   "upstream-2024; measured: the paper's with the calibrated values of the "
-                   "car of the runs (default: the file of --out if it exists, then measured where "
-                   "the runs have a calibration, then paper)")
+              "upstream-2024; measured: the paper's with the calibrated values of the "
+              "car of the runs (default: the file of --out if it exists, then measured where "
+              "the runs have a calibration, then paper)")
 @click.option("--out", type=OutputFile(".toml", replaces=False), default=None,
               help="file to write the model to (default: model.toml; an older one goes to "
-                   "history/)")
+              "history/)")
 @click.option("--plot", type=PlotFolder(), default=None,
               metavar="DIR", help="pictures of data, fit and the paper's curve")
 @html_option
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
-                   "but known for the published recordings)")
+              "but known for the published recordings)")
 @click.option("--joint", is_flag=True,
               help="fit all sub-models together on their prediction errors, from recordings with "
-                   "motion capture; starts at the base")
+              "motion capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
 @click.option("--full", is_flag=True, help="list every session by itself")
 @recorded_car_options
@@ -93,8 +93,8 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     car = load_named_car(car_name, cars, out)
     start, origin = _load_base(base, target, files)
     typed = _format_command(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
-                                     "--reference": reference, "--joint": joint or None,
-                                     "--car": car_name})
+                                              "--reference": reference, "--joint": joint or None,
+                                              "--car": car_name})
     # One of three fits: as in the paper, all sub-models jointly, or each sub-model by itself.
     sizes: SizedModel | None = None
     outcome: Identification
@@ -110,9 +110,9 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         start = sizes.model
         with progress_bar() as bar:
             task = bar.add_task("joint fit", total=1.0)
-            outcome, data = jointly(data, skipped, names, start, typed, reference,
-                                    lambda share, text: bar.update(task, completed=share,
-                                                                   description=text))
+            outcome, data = identify_jointly(data, skipped, names, start, typed, reference,
+                                             lambda share, text: bar.update(task, completed=share,
+                                                                            description=text))
     else:
         data, skipped = _read_recordings(files, reference, car_name, cars)
         sizes = apply_car_sizes(origin, start, car, data, fitting=True)
@@ -120,12 +120,14 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         start = sizes.model
         with progress_bar() as bar:
             task = bar.add_task("fitting", total=1.0)
-            outcome, data = per_recording(data, skipped, names, sizes.vehicle, typed, reference,
-                                          lambda share, text: bar.update(task, completed=share,
-                                                                         description=text))
+            outcome, data = identify_per_recording(data, skipped, names, sizes.vehicle, typed,
+                                                   reference,
+                                                   lambda share,
+                                                   text: bar.update(task, completed=share,
+                                                                    description=text))
     # The model: fitted values where the fit is sound, else those of the base model.
-    written = model_from(outcome.fits, outcome.over(start), outcome.source,
-                         joint=outcome.joint)
+    written = build_model(outcome.fits, outcome.over(start), outcome.source,
+                          joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
     if not as_json:
         from dart_lab.pages.identify_table import show
@@ -156,7 +158,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
 
 
 def _read_recordings(files: Sequence[Path], reference: Reference | None, car_name: str | None,
-          cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
+                     cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
     with progress_bar() as bar:
         bar.add_task("reading", total=None)
         recordings, skipped = read_any(files, reference=reference,
@@ -210,15 +212,15 @@ def _load_base(base: str | None, target: Path | None, files: Sequence[Path]
 
 
 def _draw_pictures(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
-           ) -> tuple[dict[str, Any], dict[str, str]]:
+                   ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the pictures by sub-model, and the reasons for missing ones."""
-    from dart_lab.identification.paper.evidence import evidence_as_paper
-    from dart_lab.identification.plots import completed, evidence_of, figures, missing
+    from dart_lab.identification.paper.evidence import collect_paper_data
+    from dart_lab.identification.plots import collect_data, complete_fits, figures, why_missing
 
-    fits = completed(outcome.fits, base)
-    evidence = (evidence_of(data, fits, reference, base) if isinstance(data, list)
-                else evidence_as_paper(data))
-    return figures(evidence, fits), missing(evidence, fits)
+    fits = complete_fits(outcome.fits, base)
+    evidence = (collect_data(data, fits, reference, base) if isinstance(data, list)
+                else collect_paper_data(data))
+    return figures(evidence, fits), why_missing(evidence, fits)
 
 
 def _save_pictures(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path
@@ -246,7 +248,7 @@ def _print_next_steps(path: Path, data: Any) -> None:
         console.print(f"next: {line}", markup=False, highlight=False)
 
 
-def _report_written(written: Written, path: Path | None, target: Path | None,
+def _report_written(written: WrittenModel, path: Path | None, target: Path | None,
                     dry_run: bool) -> None:
     """Print to standard error which sections were written, and the reasons for the others."""
     for section, why in written.left_out.items():

@@ -23,8 +23,14 @@ from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.cases import Case, Prepared, prepare
-from dart_lab.identification.evaluation.compare import blocks, gain
-from dart_lab.identification.evaluation.prediction import CHANNELS, errors, hold, measured, predict
+from dart_lab.identification.evaluation.compare import gain, label_blocks
+from dart_lab.identification.evaluation.prediction import (
+    CHANNELS,
+    errors,
+    measured,
+    predict,
+    predict_ctrv,
+)
 from dart_lab.identification.evaluation.scores import score
 from dart_lab.identification.prediction.windows import HORIZONS
 
@@ -67,7 +73,7 @@ class RecordingSet:
         starts = {case.sha256: case.windows.start for case in cases}
         none = np.empty(0, dtype=np.int64)
         return self.evidence.motion_only([starts.get(d.recording.sha256, none)
-                                           for d in self.evidence.drives])
+                                          for d in self.evidence.drives])
 
     def errors(self, p: Vehicle) -> FloatArray | None:
         """Compute the errors as ``evaluate.errors``; None without motion capture."""
@@ -81,7 +87,8 @@ class RecordingSet:
         """
         if self.prepared is not None:
             cases = self.prepared.cases
-            found = errors(hold(cases), measured(cases)) if p is None else _cached_errors(self, p)
+            found = (errors(predict_ctrv(cases), measured(cases)) if p is None
+                     else _cached_errors(self, p))
             return score(found, cases).to_json()
         return {f"{h:.1f}": {"pooled": self._sensor_errors(h, residuals)} for h in HORIZONS}
 
@@ -135,7 +142,7 @@ def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Cas
 
 
 def make_recording_set(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
-            reference: Reference | None) -> RecordingSet:
+                       reference: Reference | None) -> RecordingSet:
     """Make a set from evidence, with the cases of an evaluation if there are any."""
     try:
         return RecordingSet(evidence, prepare(recordings, l_r=l_r, reference=reference))
@@ -253,4 +260,4 @@ def _relative_reduction(reference: FloatArray, changed: FloatArray) -> float:
 
 
 def _blocks(cases: Sequence[Case]) -> IntArray:
-    return blocks(cases)[0]
+    return label_blocks(cases)[0]

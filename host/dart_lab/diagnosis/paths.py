@@ -18,7 +18,7 @@ from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.identification.prediction import rollout
-from dart_lab.identification.prediction.windows import LENGTH
+from dart_lab.identification.prediction.windows import WINDOW_LENGTH
 
 from .error_summaries import PathWindow
 from .gains import RecordingSet, correct_poses
@@ -59,7 +59,7 @@ def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, k
     number = int(np.searchsorted(ends, index, side="right"))
     case = cases[number]
     start = int(case.windows.start[index - int(ends[number]) + len(case)])
-    samples = np.arange(0, LENGTH + 1, PATH_POINT_SPACING)
+    samples = np.arange(0, WINDOW_LENGTH + 1, PATH_POINT_SPACING)
     origin = rollout.states(case.grid, np.array([start]))[:, 0]
     paths = {MEASURED: _from_start(rollout.states(case.grid, start + samples)[:2], origin)}
     for name, p in models.items():
@@ -67,7 +67,7 @@ def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, k
         one = [(freed.grid, np.array([start]))]
         states = rollout.predict(apply_parameter_effects(p), one, [int(k) for k in samples[1:]])
         predicted = states[:, :2, 0].T
-        first = rollout.measured(one, (0,))[0, :2]
+        first = rollout.measured_states(one, (0,))[0, :2]
         paths[name] = _from_start(np.concatenate([first, predicted], axis=1), origin)
     return PathWindow(kind, chosen_by, error, int(ends[-1]), case.file,
                       round(start * SAMPLE, 2), PATH_POINT_SPACING * SAMPLE, paths)

@@ -1,7 +1,6 @@
-"""The paper's smoothing and differentiating, on plain rows.
+"""Smoothing and differentiation of the paper, on plain rows.
 
-Same figures as scipy.signal.savgol_filter, whose import alone would cost a
-third of the time of all fits.
+Same numbers as scipy.signal.savgol_filter, whose import takes a third of the time of all fits.
 """
 
 from __future__ import annotations
@@ -12,11 +11,12 @@ from dart_hal.core.types import FloatArray
 
 
 def smooth(values: FloatArray, points: int, order: int) -> FloatArray:
-    """Savitzky-Golay smoothing (n,); the ends lie on the polynomial through the last points.
+    """Smooth (n,) by Savitzky-Golay; the ends are on the polynomial through the last points.
 
-    An even number of points puts the result half a sample late: order 1 with
-    20 points is the mean of the samples i-9 ... i+10, as in the paper's code.
+    An even number of points shifts the result by half a sample: order 1 with 20 points is the
+    mean of the samples i-9 ... i+10, as in the paper's code.
     """
+    # A smoothed value is the fitted polynomial at the middle of its points: fixed weights.
     half = points // 2
     middle = half if points % 2 else half - 0.5
     powers = np.vander(np.arange(points) - middle, order + 1)
@@ -32,12 +32,12 @@ def smooth(values: FloatArray, points: int, order: int) -> FloatArray:
 
 
 def slope(t: FloatArray, values: FloatArray) -> FloatArray:
-    """First derivative (n,) of the not-a-knot cubic spline through the samples."""
+    """Differentiate (n,): first derivative of the not-a-knot cubic spline through the samples."""
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(t, values)(t, 1))
 
 
-def later(t: FloatArray, values: FloatArray, delay: float) -> FloatArray:
-    """The values as they were ``delay`` [s] ago, by linear interpolation."""
+def delay_values(t: FloatArray, values: FloatArray, delay: float) -> FloatArray:
+    """Delay the values by ``delay`` [s], by linear interpolation."""
     return np.asarray(np.interp(t - delay, t, values))

@@ -1,4 +1,4 @@
-"""What a fit gives: values with standard errors, and how far they can be trusted."""
+"""Result of a fit: values with standard errors, and whether they can be trusted."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ from typing import Any
 
 from dart_hal.core.types import FloatArray
 
-TIME_KNOWN = 0.02
-"""s; a delay or lag counts as identified below this standard error: a time may be 0, so no share
-of the value can be asked for, and 0.02 s is one frame of the PWM."""
+# [s] Largest standard error of an identified delay or lag. A time may be 0, so no share of its
+# value can be required; 0.02 s is one frame of the PWM.
+MAX_TIME_STD = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
-    """value and one standard error in ``unit``; ``identifiable``: the data tell it.
-
-    std is infinite where the data say nothing at all about the parameter.
-    """
+class FittedParameter:
+    """Value and standard error of a parameter in ``unit``; std is infinite without information."""
 
     value: float
     std: float
@@ -27,18 +24,17 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class SubmodelFit:
     """One sub-model fitted to data.
 
-    parameters by their names in ``model.toml``; covariance (k, k) in the same
-    order; n residuals of root mean square ``rmse`` and mean square ``loss``
-    (plain, without robust weights) in ``unit``; ``at_bound``: parameters that
-    stopped at the edge of their interval; ``notes``: what the reader must know;
-    ``details``: numbers of the fit that a picture shows, by name.
+    parameters: by their names in ``model.toml``; covariance (k, k): in the same order; n: number
+    of residuals; rmse: their root mean square [unit], without robust weights; at_bound:
+    parameters that stopped at a bound; notes: sentences for the user; details: further numbers
+    of the fit for pictures, by name.
     """
 
     submodel: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, FittedParameter]
     covariance: FloatArray
     n: int
     rmse: float
@@ -56,11 +52,11 @@ class Fit:
 
     @property
     def sound(self) -> bool:
-        """Converged inside its bounds: fit to be written to a model file."""
+        """Whether the fit converged inside its bounds, so that it may be written to a model."""
         return self.converged and not self.at_bound
 
     def values(self) -> dict[str, float]:
-        """The plain numbers by name."""
+        """Return the values by name."""
         return {name: entry.value for name, entry in self.parameters.items()}
 
     def to_json(self) -> dict[str, Any]:

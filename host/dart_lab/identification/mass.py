@@ -1,4 +1,4 @@
-"""The mass that the forces of a fit hang on: as weighed with the recordings, if it was."""
+"""The mass that scales the forces of a fit: weighed with the recordings, or the base's."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import numpy as np
 
 from dart_hal.recording.dart import RUN, Recording
 from dart_hal.vehicle import Vehicle
-from dart_lab.identification.fit import Estimate
+from dart_lab.identification.fit import FittedParameter
 
-AGREE = 3.0  # standard errors; masses farther apart are loads, not errors of a scale
+# [standard errors] Larger differences are other loads, not errors of the scale.
+MAX_MASS_DEVIATION = 3.0
 
 
-def weighed(recordings: Sequence[Recording]) -> Estimate | None:
-    """The mean [kg] of what runs of our own were weighed at, by their errors.
+def average_mass(recordings: Sequence[Recording]) -> FittedParameter | None:
+    """Average the masses [kg] of own runs, weighted by their errors.
 
-    None when none was, or when other recordings are among them: those are of
-    another car. Masses that differ widen the error to their spread.
+    None if no car was weighed, or with recordings of other schemas: those are of another car.
+    The error is at least the spread of masses that differ.
     """
     known = [r.mass for r in recordings if r.mass is not None]
     if not known or any(r.schema != RUN for r in recordings):
@@ -27,21 +28,23 @@ def weighed(recordings: Sequence[Recording]) -> Estimate | None:
     weight = 1.0 / std**2
     mean = float(weight @ value / weight.sum())
     spread = float(np.abs(value - mean).max())
-    own = float(std.min())  # one scale: its error is common to all
-    return Estimate(mean, own if spread < AGREE * own else max(own, spread), "kg")
+    # All were weighed on one scale, whose error does not average out.
+    own = float(std.min())
+    return FittedParameter(mean, own if spread < MAX_MASS_DEVIATION * own else max(own, spread),
+                           "kg")
 
 
-def never_weighed(recordings: Sequence[Recording], base: Vehicle) -> str:
-    """What to say of runs whose car nobody has weighed; else empty."""
+def note_unweighed(recordings: Sequence[Recording], base: Vehicle) -> str:
+    """Return a note on own runs whose car was not weighed; else empty."""
     runs = [r for r in recordings if r.schema == RUN]
-    if not runs or weighed(recordings) is not None:
+    if not runs or average_mass(recordings) is not None:
         return ""
-    return (f"nobody has weighed this car with these runs: {base.body.mass:g} kg is the base's; "
-            "each per cent that it is off is one in a, c, d and e (dart-hal experiment --mass "
-            "KG puts it into the recording)")
+    return (f"the car was not weighed with these runs: {base.body.mass:g} kg is the base's; "
+            "1 % of error in it is 1 % in a, c, d and e (dart-hal experiment --mass KG stores the "
+            "mass in the recording)")
 
 
-def of_mass(vehicle: Vehicle, mass: Estimate | None) -> Vehicle:
-    """The vehicle with this mass."""
+def replace_mass(vehicle: Vehicle, mass: FittedParameter | None) -> Vehicle:
+    """Replace the mass of the vehicle, unless it is None."""
     return vehicle if mass is None else replace(
         vehicle, body=replace(vehicle.body, mass=mass.value))

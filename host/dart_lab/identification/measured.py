@@ -1,9 +1,9 @@
-"""The model of a car that has been measured and not yet identified.
+"""Model of a car that was calibrated and not yet identified.
 
-The paper's set, with what car.toml and calibration.toml say of this car in its place, and with its
-standard error: size, mass, steering map, play and slew of the steering, delays, dead band of the
-ESC. What nobody has measured keeps the paper's value, and no error is stated of it. A fit that
-starts here need not guess from the tyres' slip what a procedure has measured by itself.
+It is the paper's model with the values and standard errors of this car's car.toml and
+calibration.toml: size, mass, steering map, play and slew of the steering, delays, dead band of the
+ESC. Values that were not measured are the paper's, without a standard error. A fit that starts
+here does not have to estimate from tyre slip what a procedure has measured directly.
 """
 
 from __future__ import annotations
@@ -36,44 +36,44 @@ from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Body, Steering, Vehicle
 from dart_hal.vehicle.sets import PAPER
 
+# Name of this model for verbs that take the name of one.
 MEASURED = "measured"
-"""How verbs that take the name of a model call this one."""
-HELD_US = 0.5
-"""us; dithering holds a pulse in the mean to a tenth of a count of the PCA9685, 20 ms / 4096."""
+# [us] Dithering holds the mean pulse to a tenth of a count of the PCA9685, 20 ms / 4096.
+PULSE_STD_US = 0.5
 Errors = dict[str, float]
 """Standard errors by "section.key"."""
 
 
 def named_model(name: str | Path, paths: Sequence[str | Path]) -> tuple[ModelFile, Vehicle]:
-    """As ``find_model``; "measured": that of the car of which the runs ``paths`` are.
+    """Find a model by name; "measured": the model of the car of the runs ``paths``.
 
-    Of runs with several calibrations the newest counts. Errors: as ``find_model``; RecordingError
-    for a file that is no run; UsageError where no run has one, or they are of several cars.
+    The newest calibration of all runs counts. Raises as ``find_model``; RecordingError for a file
+    that is not a run; UsageError if no run has a calibration, or they are of several cars.
     """
     if str(name) != MEASURED:
         return find_model(name)
     runs = _runs_in(paths)
     known = [files for files in map(_files_of, runs) if files.calibration is not None]
     if not known:
-        raise UsageError("nothing that was measured of this car is known",
+        raise UsageError("no calibration of this car was found",
                          found=f"{len(runs)} run(s) (*.mcap), none with a calibration",
                          expected="a run that was recorded after dart-hal calibrate",
                          remedy="dart-hal calibrate all, then drive and record; or start from "
-                                "paper")
+                         "paper")
     cars = sorted({files.config.name for files in known})
     if len(cars) > 1:
-        raise UsageError("these runs are of several cars, each measured by itself",
+        raise UsageError("these runs are of several cars, each with its own calibration",
                          found=", ".join(cars), expected="runs of one car",
                          remedy=f"leave out all but those of {cars[0]}")
-    model = measured_model(max(known, key=_when))
+    model = measured_model(max(known, key=_calibration_time))
     return model, vehicle_of(model)
 
 
 def default_model(paths: Sequence[str | Path]) -> str:
     """Choose the model of verbs that name none: "measured" where a run has a calibration.
 
-    "paper" for other recordings, and for runs of several cars. A file that is no run is refused,
-    or skipped, where it is read.
+    "paper" for other recordings, and for runs of several cars. Files that are no runs are handled
+    by their reader.
     """
     cars = set()
     for run in _runs_in(paths):
@@ -85,25 +85,25 @@ def default_model(paths: Sequence[str | Path]) -> str:
 
 
 def _runs_in(paths: Sequence[str | Path]) -> list[Path]:
-    """Runs (*.mcap) among files and folders that exist."""
+    """List the runs (*.mcap) among the files and folders that exist."""
     return [run for path in map(Path, paths)
             for run in (sorted(path.rglob("*.mcap")) if path.is_dir() else [path])
             if run.suffix == ".mcap" and run.is_file()]
 
 
 def measured_model(files: CarFiles) -> ModelFile:
-    """The paper's model with all that ``files`` say was measured of the car."""
+    """Return the paper's model with all measured values of ``files``."""
     p = replace(vehicle_for(replace(files, model=None)), name=files.config.name,
                 body=_body(files.config.geometry))
     errors: Errors = {}
     calibration = files.calibration
     if calibration is not None:
-        p = _with_steering(p, calibration.steering, files, errors)
-        p = _with_delays(p, calibration.latency, errors)
+        p = _insert_steering(p, calibration.steering, files, errors)
+        p = _insert_delays(p, calibration.latency, errors)
         band = calibration.throttle.deadband_forward_us
         if band is not None:
-            errors["motor.g"] = math.hypot(band.std, HELD_US) / files.config.throttle.span_us
-    return _stated(model_of(p), errors)
+            errors["motor.g"] = math.hypot(band.std, PULSE_STD_US) / files.config.throttle.span_us
+    return _insert_errors(model_of(p), errors)
 
 
 def _files_of(run: Path) -> CarFiles:
@@ -113,26 +113,26 @@ def _files_of(run: Path) -> CarFiles:
 
 @lru_cache(maxsize=64)
 def _files_in(run: Path, mtime: int, size: int) -> CarFiles:
-    """Files of the car in a run, read once; mtime, size: of the run's file."""
+    """Read the car's files in a run, once; mtime, size: of the run's file, as cache keys."""
     with Car.open(f"replay://{run}") as car:
         return car.files
 
 
-def _when(files: CarFiles) -> str:
-    """When its calibration was written, so that later ones sort behind earlier ones."""
+def _calibration_time(files: CarFiles) -> str:
+    """Return when the calibration was written, as text that sorts by time."""
     return str(files.calibration.provenance.get("when", "")) if files.calibration else ""
 
 
 def _body(size: Geometry) -> Body:
-    """yaw_inertia: where car.toml has none, that of the paper's car, by the mass."""
+    """Return the body; without a yaw inertia in car.toml, the paper's scaled by the mass."""
     paper = PAPER.body
     return replace(paper, wheelbase=size.wheelbase, l_f=size.l_f, l_r=size.l_r, mass=size.mass,
                    yaw_inertia=size.yaw_inertia or paper.yaw_inertia * size.mass / paper.mass)
 
 
-def _with_steering(p: Vehicle, measured: SteeringCalibration, files: CarFiles, errors: Errors
-                   ) -> Vehicle:
-    """Map, slew and play of the steering."""
+def _insert_steering(p: Vehicle, measured: SteeringCalibration, files: CarFiles, errors: Errors
+                     ) -> Vehicle:
+    """Insert map, slew and play of the steering; add their standard errors to ``errors``."""
     if measured.map is not None:
         command_of = steering_map(files.config, measured.map).command
         command = np.array([command_of(pulse) for pulse in measured.map.pulse_us])
@@ -140,7 +140,8 @@ def _with_steering(p: Vehicle, measured: SteeringCalibration, files: CarFiles, e
         p = replace(p, steering=steering)
         errors |= {f"steering.{key}": s
                    for key, s in zip(asdict(steering), std.tolist(), strict=True)}
-    slew, play = measured.slew_us_s, measured.backlash
+    slew = measured.slew_us_s
+    play = measured.backlash
     if slew is not None:
         per_unit = files.config.steering.span_us / slew.value
         p = apply(p, "steering_rate_limit", k=per_unit)
@@ -152,12 +153,13 @@ def _with_steering(p: Vehicle, measured: SteeringCalibration, files: CarFiles, e
 
 
 def paper_form(command: FloatArray, table: SteeringTable) -> tuple[Steering, FloatArray]:
-    """The map in the paper's form, and the standard errors (5,) of its parameters.
+    """Fit the paper's form to a steering table; return it with the standard errors (5,).
 
-    command (n,) of the points of the table. Errors of the table, which are taken as independent,
-    and what the form cannot follow of it add up.
+    command (n,): of the points of the table. The covariance is the sum of two: of the misfit of
+    the form, and of the errors of the table, which are taken as independent.
     """
-    angle, std = np.array(table.angle_rad), np.array(table.std_rad)
+    angle = np.array(table.angle_rad)
+    std = np.array(table.std_rad)
     zeros = np.zeros(len(angle))
     form = fit_map(Samples(command, angle, zeros, zeros, (ANGLE_NOISE / std)**2,
                            np.arange(len(angle))))
@@ -166,9 +168,10 @@ def paper_form(command: FloatArray, table: SteeringTable) -> tuple[Steering, Flo
     return Steering(**form.as_dict()), np.asarray(np.sqrt(np.diag(covariance)))
 
 
-def _with_delays(p: Vehicle, measured: LatencyCalibration, errors: Errors) -> Vehicle:
-    """From a command to the wheels, and to the force of the motor, with the lags behind."""
-    found, pulse = {}, measured.command_to_pulse
+def _insert_delays(p: Vehicle, measured: LatencyCalibration, errors: Errors) -> Vehicle:
+    """Insert delays and lags from a command to the wheels and to the force of the motor."""
+    found = {}
+    pulse = measured.command_to_pulse
     for name, delay, lag in (
             ("steering", measured.pulse_to_yaw, measured.pulse_to_yaw_lag),
             ("throttle", measured.pulse_to_wheel, measured.pulse_to_wheel_lag)):
@@ -181,8 +184,8 @@ def _with_delays(p: Vehicle, measured: LatencyCalibration, errors: Errors) -> Ve
     return replace(p, delay=replace(p.delay, **found))
 
 
-def _stated(model: ModelFile, errors: Errors) -> ModelFile:
-    """With the standard errors of what was measured."""
+def _insert_errors(model: ModelFile, errors: Errors) -> ModelFile:
+    """Insert the standard errors of the measured values into a model file."""
     def entries(section: str, table: Parameters) -> Parameters:
         measured = {key: Quantity(plain(value), errors[f"{section}.{key}"], "calibration")
                     for key, value in table.items() if f"{section}.{key}" in errors}

@@ -1,4 +1,4 @@
-"""One run of the identification, whichever way it was made: what a verb shows and writes."""
+"""Identification of a car: result, and the two methods (per recording, joint)."""
 
 from __future__ import annotations
 
@@ -18,69 +18,67 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.sizes import CAR_FILE, list_stated_errors
-from dart_lab.identification.fit import Estimate, Fit
-from dart_lab.identification.mass import never_weighed, of_mass, weighed
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
+from dart_lab.identification.mass import average_mass, note_unweighed, replace_mass
 from dart_lab.identification.report import FileReport, Published
-from dart_lab.identification.write import SECTIONS, Source, rounded, why_unsound
+from dart_lab.identification.write import SECTIONS, Source, round_covariance, why_unsound
 from dart_lab.report.numbers import with_error
 
 Progress = Callable[[float, str], None]
 Skipped = Sequence[tuple[str, str]]
 """(file, reason) of files that could not be read."""
+# Method of a size of car.toml that a joint fit has changed.
 JOINT_FIT = f"{CAR_FILE}, joint fit"
-"""Method of a size of car.toml that a joint fit has moved."""
+# [standard errors of car.toml] A joint fit may change a size by that without a caution.
 MAX_SIZE_ERRORS = 2.0
-"""Standard errors of car.toml by which a fit may move a size without a doubt."""
+# Relative standard errors of a mass that was not weighed with the recordings (as for experiments),
+# and of an inertia: m/12 (length^2 + width^2) is good to a tenth.
 BODY_STD = {"mass": 0.02, "yaw_inertia": 0.1}
-"""Relative standard error of a mass that nobody has weighed with the recordings, as experiments
-have it, and of an inertia: m/12 (length^2 + width^2) of a car is good to a tenth."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """fits by sub-model (as_paper: also rows of its comparison), report by file.
+    """Result of an identification.
 
-    published: the values of the base that was used (as_paper: the paper's); compared: its name for
-    published recordings of DART, else "base";
-    derived: what the data identify
-    where single parameters are not identifiable; source: for the file's provenance;
-    joint: covariance across sub-models, where they were fitted together;
-    mass [kg]: as weighed with the recordings, None = the base's was taken; nuisance: what a joint
-    fit moved within the errors with which it was known, by full name.
-    frames: marker frame by file, of the recordings with motion capture.
+    fits: by sub-model (as_paper: also rows of its comparison); files: report by file; published:
+    values of the base (as_paper: of the paper); compared: their name for published recordings of
+    DART, else "base"; source: for the file's provenance; derived: combinations that are
+    identified where single parameters are not; joint: covariance across sub-models that were
+    fitted together; mass [kg]: weighed with the recordings, None: the base's; frames: marker
+    frames by file; nuisance: nuisance parameters of a joint fit by full name.
     """
 
-    fits: Mapping[str, Fit]
+    fits: Mapping[str, SubmodelFit]
     files: Mapping[str, FileReport]
     published: Mapping[str, Published]
     source: Source
-    derived: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    derived: Mapping[str, Mapping[str, FittedParameter]] = field(default_factory=dict)
     joint: Covariance | None = None
-    mass: Estimate | None = None
+    mass: FittedParameter | None = None
     frames: Mapping[str, Reference] = field(default_factory=dict)
     compared: str = PAPER.name
-    nuisance: Mapping[str, Estimate] = field(default_factory=dict)
+    nuisance: Mapping[str, FittedParameter] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
-        """Whether any fit can be trusted."""
+        """Whether any fit is sound."""
         return any(fit.sound for fit in self.fits.values())
 
     def over(self, base: ModelFile) -> ModelFile:
-        """The base that the fits belong to: with the mass, inertia and effects they hang on."""
+        """Return the base with the mass, inertia, sizes and effects that the fits depend on."""
         stated = list_stated_errors(base)
         found = {name: Quantity(e.value, e.std, JOINT_FIT if name in stated else None)
                  for name, e in self.nuisance.items()}
         if self.mass is not None:
             found["body.mass"] = Quantity(self.mass.value, self.mass.std)
 
-        def changed(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        def insert(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
             return {**table, **{name.partition(".")[2]: q for name, q in found.items()
                                 if name.startswith(f"{section}.")}}
 
-        effects = tuple(msgspec.structs.replace(e, parameters=changed(e.name, e.parameters))
+        effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
                         for e in base.effects)
-        body = changed("body", base.body)
+        body = insert("body", base.body)
         # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
         moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
         lengths = close_lengths({key: plain(base.body[key]) for key in LENGTHS}, moved) if (
@@ -107,8 +105,8 @@ class Identification:
         return out
 
 
-def base_values(base: Vehicle, fit: Fit) -> Published:
-    """Values of the base for the parameters of a fit, of those that have the same unit."""
+def base_values(base: Vehicle, fit: SubmodelFit) -> Published:
+    """Return the base's values of the parameters of a fit that have the same unit."""
     names = set(flat_names(base))
     return Published({key: float(flat_value(base, name)) for key, e in fit.parameters.items()
                       if (name := f"{fit.submodel}.{key}") in names and unit(base, name) == e.unit})
@@ -121,8 +119,8 @@ def identify(recordings: Sequence[Recording], base: ModelFile,
 
     Args:
         recordings: as ``read_any`` gives them.
-        base: the model to start from, as ``find_model`` gives it; what the recordings do not tell
-            stays as it is there.
+        base: the model to start from, as ``find_model`` gives it; it keeps the values that the
+            recordings do not identify.
         submodels: some of ``friction``, ``motor``, ``steering``, ``delay``, ``tyres``.
         joint: fit all of them together on their prediction errors, from recordings with motion
             capture, instead of one after the other.
@@ -144,34 +142,34 @@ def identify(recordings: Sequence[Recording], base: ModelFile,
         print(found.fits["friction"].parameters)
     """
     if joint:
-        return jointly(list(recordings), [], submodels, base, "identify()", reference)[0]
-    return per_recording(list(recordings), [], submodels, vehicle_of(base), "identify()",
-                         reference)[0]
+        return identify_jointly(list(recordings), [], submodels, base, "identify()", reference)[0]
+    return identify_per_recording(list(recordings), [], submodels, vehicle_of(base), "identify()",
+                                  reference)[0]
 
 
-def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str], base: ModelFile,
-            command: str, reference: Reference | None = None, progress: Progress | None = None
-            ) -> tuple[Identification, list[Recording]]:
-    """All sub-models in one fit on rollouts, from the recordings that have motion capture.
+def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
+                     base: ModelFile,
+                     command: str, reference: Reference | None = None, progress: Progress
+                     | None = None
+                     ) -> tuple[Identification, list[Recording]]:
+    """Fit all sub-models together to rollouts, from the recordings with motion capture.
 
-    recordings, skipped: as ``read_any`` gives them.
-
-    Standard errors of the base are its prior, unless some of these recordings
-    are already in them.
-
-    Errors: RecordingError when none of them can be predicted.
+    recordings, skipped: as ``read_any`` gives them. The standard errors of the base are its
+    prior, unless it was identified from some of these recordings. Raises RecordingError if no
+    recording can be predicted.
     """
     from dart_lab.identification.shooting import fit_from_recordings
 
-    mass = weighed(recordings)
+    mass = average_mass(recordings)
     if mass is not None:
         base = _with_body(base, {"mass": mass})
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
-                                              progress, _known(base, recordings))
+                                              progress, _prior_errors(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}
     files: dict[str, FileReport] = {}
     for r in recordings:
-        file, why = str(r.path), [str(note) for note in r.notes]
+        file = str(r.path)
+        why = [str(note) for note in r.notes]
         bad = int(used[file][1].bad.sum()) if file in used else 0
         taken = len(used[file][1]) - bad if file in used else 0
         files[file] = FileReport(taken, bad, (*why, *unused.get(file, ())), r.sha256)
@@ -185,14 +183,14 @@ def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
     fits = made.fits
     if sizes := describe_moved_sizes(base, made.nuisance):
         fits = {name: replace(fit, notes=(*fit.notes, sizes)) for name, fit in fits.items()}
-    joint = Covariance(made.names, rounded(made.covariance))
+    joint = Covariance(made.names, round_covariance(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(fits, files, published, source, joint=joint, frames=frames,
                            compared=_name_comparison(base.name, recordings),
                            nuisance=made.nuisance), recordings)
 
 
-def describe_moved_sizes(base: ModelFile, fitted: Mapping[str, Estimate]) -> str:
+def describe_moved_sizes(base: ModelFile, fitted: Mapping[str, FittedParameter]) -> str:
     """State where a joint fit has moved the sizes of car.toml; "" without stated errors."""
     parts, doubtful = [], []
     for name, std in list_stated_errors(base).items():
@@ -212,12 +210,15 @@ def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:
     return base if all(r.published for r in recordings) else "base"
 
 
-def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Standard errors of the base by name; of its identified sections none that these recordings
-    have made. A mass or an inertia without a stated error is as vague as ``BODY_STD``. Lengths
-    have the errors that car.toml states."""
-    seen = set(base.provenance.get("files", {}).values())
-    again = bool(seen & {r.sha256 for r in recordings})
+def _prior_errors(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Return the standard errors of the base by name, as a prior.
+
+    Sections that were identified from these recordings have none: the data would count twice. A
+    mass or an inertia without an error has that of ``BODY_STD``. Lengths have the errors of
+    car.toml.
+    """
+    known_hashes = set(base.provenance.get("files", {}).values())
+    again = bool(known_hashes & {r.sha256 for r in recordings})
     tables: dict[str, Mapping[str, Any]] = {effect.name: effect.parameters
                                             for effect in base.effects}
     if not again:
@@ -232,26 +233,27 @@ def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]
     return known | list_stated_errors(base)
 
 
-def _with_body(base: ModelFile, values: Mapping[str, Estimate]) -> ModelFile:
-    """The base with values of its body, each with its standard error."""
+def _with_body(base: ModelFile, values: Mapping[str, FittedParameter]) -> ModelFile:
+    """Insert values of the body with their standard errors into the base."""
     changed = {key: Quantity(e.value, e.std) for key, e in values.items()}
     return msgspec.structs.replace(base, body={**base.body, **changed})
 
 
-def per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
-                  base: Vehicle, command: str, reference: Reference | None = None,
-                  progress: Progress | None = None) -> tuple[Identification, list[Recording]]:
-    """Every recording for itself, robust; also the recordings, for pictures.
+def identify_per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
+                           base: Vehicle, command: str, reference: Reference | None = None,
+                           progress: Progress | None = None) -> tuple[Identification,
+                                                                      list[Recording]]:
+    """Fit the sub-models one by one; return the result, and the recordings for pictures.
 
     recordings, skipped: as ``read_any`` gives them.
     """
     from dart_lab.identification.submodels import fit_submodels
 
-    mass = weighed(recordings)
-    fits, reports = fit_submodels(recordings, names, base=of_mass(base, mass), mass=mass,
+    mass = average_mass(recordings)
+    fits, reports = fit_submodels(recordings, names, base=replace_mass(base, mass), mass=mass,
                                   reference=reference, progress=progress)
-    if vague := never_weighed(recordings, base):
-        fits = {name: replace(fit, notes=(*fit.notes, vague)) if name in ("friction", "motor")
+    if note := note_unweighed(recordings, base):
+        fits = {name: replace(fit, notes=(*fit.notes, note)) if name in ("friction", "motor")
                 else fit for name, fit in fits.items()}
     files: dict[str, FileReport] = {}
     frames: dict[str, Reference] = {}

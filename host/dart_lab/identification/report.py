@@ -1,4 +1,4 @@
-"""What became of each file in an identification, and the published values beside a fit."""
+"""Use of each file in an identification, and the published values to compare a fit with."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """used, dropped: samples in and left out of the fits; why: one sentence each.
+    """Samples of one file that the fits used and dropped, and why (one sentence each).
 
-    sha256 of the file's bytes, "" where the file was not read.
+    sha256: of the file's bytes, "" if the file was not read.
     """
 
     used: int
@@ -26,7 +26,7 @@ class FileReport:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """The paper's own values: by name, and the rmse they leave on the same rows, if known."""
+    """Published values by name, and their rmse on the rows of the fit, if known."""
 
     values: Mapping[str, float]
     rmse: float | None = None

@@ -1,7 +1,6 @@
-"""``model.toml`` out of fits: what is sound is written, the rest stays as it was.
+"""``model.toml`` from fits: sound fits replace sections of the base model.
 
-A fit that did not converge, or stopped at a bound, never replaces a value:
-its section keeps what the base model has.
+A fit that did not converge, or stopped at a bound, never replaces a value.
 """
 
 from __future__ import annotations
@@ -21,20 +20,19 @@ from dart_hal.core.config.model import MODEL_PARAMETERS, Covariance, Parameter
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
-from dart_lab.identification.fit import Fit
+from dart_lab.identification.fit import SubmodelFit
 
+# Fits that are sections of the file. Others (rows of a comparison) are not written.
 SECTIONS = ("friction", "motor", "steering", "delay", "tyres")
-"""Fits that are sections of the file; others (rows of a comparison) are not written."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the numbers come from, for the file's provenance.
+    """Origin of the fits, for the file's provenance.
 
-    sha256 by file, of every file used; reference: by file (L_x m, theta rad,
-    L_y m) of the mocap marker, where one was used; command: as typed; method:
-    how the fits were made. Sections of the base that this run leaves alone
-    keep their entry, and the hashes of their files.
+    sha256: of every file used; reference: (L_x [m], theta [rad], L_y [m]) of the mocap marker by
+    file; command: as typed; method: of the fits. Sections of the base that are not replaced keep
+    their entry, and the hashes of their files.
     """
 
     sha256: Mapping[str, str]
@@ -43,7 +41,7 @@ class Source:
     method: str = "per recording"
 
     def table(self, base: ModelFile, written: Sequence[str]) -> dict[str, Any]:
-        """The section "provenance"."""
+        """Return the section "provenance"."""
         before = base.provenance
         made = {section: {"method": self.method, "command": self.command} for section in written}
         sections = {**before.get("sections", {}), **made}
@@ -59,8 +57,8 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
-    """model: None when no fit is sound; sections: those that were identified.
+class WrittenModel:
+    """Model to be written, None if no fit is sound; sections: those that were replaced.
 
     left_out: sections that keep the base's values, with the reason.
     """
@@ -70,8 +68,8 @@ class Written:
     left_out: Mapping[str, str]
 
 
-def why_unsound(fit: Fit) -> str:
-    """One sentence; empty for a sound fit."""
+def why_unsound(fit: SubmodelFit) -> str:
+    """Return why a fit is not sound, in one sentence; empty for a sound fit."""
     if not fit.converged:
         return "not identified" if fit.n == 0 else "the fit did not converge"
     if fit.at_bound:
@@ -79,25 +77,27 @@ def why_unsound(fit: Fit) -> str:
     return ""
 
 
-def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
-               name: str = "identified", joint: Covariance | None = None) -> Written:
-    """The base with every sound sub-model in it, its errors and its covariance.
+def build_model(fits: Mapping[str, SubmodelFit], base: ModelFile, source: Source, *,
+                name: str = "identified", joint: Covariance | None = None) -> WrittenModel:
+    """Insert every sound sub-model into the base, with its errors and its covariance.
 
-    joint: covariance of parameters that were fitted together, across sections
-    ("friction.a", ...); it takes the place of those of the single sections.
-    Such a fit is written whole or not at all: each section holds given the others.
+    joint: covariance of parameters that were fitted together, across sections ("friction.a",
+    ...); it replaces those of the single sections. A joint fit is written as a whole or not at
+    all, because each section is only valid with the others.
     """
     unsound = {name: why for name, fit in fits.items() if (why := why_unsound(fit))}
     if joint is not None and unsound:
-        said = "; ".join(f"{name}: {why}" for name, why in unsound.items())
-        return Written(None, (), dict.fromkeys(fits, f"one of a joint fit ({said})"))
-    model, sections, left_out = base, list[str](), {}
+        reasons = "; ".join(f"{name}: {why}" for name, why in unsound.items())
+        return WrittenModel(None, (), dict.fromkeys(fits, f"one of a joint fit ({reasons})"))
+    model = base
+    sections = list[str]()
+    left_out = {}
     for section in SECTIONS:
         if section not in fits:
             continue
         why = why_unsound(fits[section])
         if not why:
-            candidate = _with(model, section, fits[section])
+            candidate = _insert_fit(model, section, fits[section])
             try:
                 vehicle_of(candidate)
             except ConfigError as err:
@@ -108,39 +108,40 @@ def model_from(fits: Mapping[str, Fit], base: ModelFile, source: Source, *,
         if why:
             left_out[section] = why
     if not sections:
-        return Written(None, (), left_out)
+        return WrittenModel(None, (), left_out)
     if joint is not None:
-        apart = {key: table for key, table in model.covariance.items()
-                 if not set(table.names) & set(joint.names)}
-        model = msgspec.structs.replace(model, covariance={**apart, "joint": joint})
+        separate = {key: table for key, table in model.covariance.items()
+                    if not set(table.names) & set(joint.names)}
+        model = msgspec.structs.replace(model, covariance={**separate, "joint": joint})
     model = msgspec.structs.replace(model, name=name, provenance=source.table(base, sections))
-    return Written(model, tuple(sections), left_out)
+    return WrittenModel(model, tuple(sections), left_out)
 
 
-def write(written: Written, path: Path) -> Path | None:
-    """Save the model; the old file goes to history/. None: nothing sound, nothing touched."""
+def write(written: WrittenModel, path: Path) -> Path | None:
+    """Save the model and move the old file to history/; None if there is nothing to write."""
     return None if written.model is None else save_model(written.model, path)
 
 
-def _with(model: ModelFile, section: str, fit: Fit) -> ModelFile:
+def _insert_fit(model: ModelFile, section: str, fit: SubmodelFit) -> ModelFile:
     entries = {key: _entry(e.value, e.std) for key, e in fit.parameters.items()
                if key in MODEL_PARAMETERS[section]}
     other_form = section == "tyres" and ("rear_D" in model.tyres) != ("rear_D" in entries)
     kept = {} if other_form else dict(getattr(model, section))
     changes: dict[str, Any] = {section: kept | entries}
-    if other_form:  # its slip angles belonged to its tyres
+    if other_form:
+        # The form of the slip angles belonged to the replaced tyres.
         changes["forms"] = {k: v for k, v in model.forms.items() if k != "slip"}
     covariance = {key: table for key, table in model.covariance.items()
                   if not any(name.startswith(f"{section}.") for name in table.names)}
     if np.all(np.isfinite(fit.covariance)):
         names = tuple(f"{section}.{key}" for key in fit.parameters)
-        rows = rounded(fit.covariance)
+        rows = round_covariance(fit.covariance)
         covariance[section] = Covariance(names, rows)
     return msgspec.structs.replace(model, covariance=covariance, **changes)
 
 
-def rounded(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
-    """A covariance as a file holds it: six digits of a standard error are plenty."""
+def round_covariance(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """Round a covariance to six digits for the file."""
     return tuple(tuple(float(f"{v:.6g}") for v in row) for row in matrix.tolist())
 
 

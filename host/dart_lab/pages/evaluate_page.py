@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_lab.identification.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
+from dart_lab.identification.evaluation import CHANNELS, ERROR_UNITS, HORIZONS, Evaluation
 from dart_lab.identification.evaluation.pictures import figures
 from dart_lab.pages.evaluate_table import CHANNEL_TITLES, caution, describe_gains
 from dart_lab.report import page
@@ -14,7 +14,7 @@ from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
 from dart_lab.report.page import image
 
-ERROR_COLUMNS = [f"{head} [{unit}]" for head, unit in zip(CHANNEL_TITLES, UNITS, strict=True)]
+ERROR_COLUMNS = [f"{head} [{unit}]" for head, unit in zip(CHANNEL_TITLES, ERROR_UNITS, strict=True)]
 FIGURE_TITLES = {"errors": "Error over the horizon, and by recording",
                  "windows": "Six windows, good to bad",
                  "kinematic_limit": "Where the kinematic model ends"}

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from dart_hal.cli.common.output import console, output, results
-from dart_lab.identification.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
-from dart_lab.identification.evaluation.cases import LEFT_OUT, short
+from dart_lab.identification.evaluation import CHANNELS, ERROR_UNITS, HORIZONS, Evaluation
+from dart_lab.identification.evaluation.cases import EXCLUDED, short
 
 # Decimals of each channel at 80 columns.
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
@@ -68,7 +68,7 @@ def _print_files(e: Evaluation) -> None:
                   style="dim", highlight=False)
     for case in e.prepared.cases:
         for why in files[case.file].why:
-            if LEFT_OUT not in why:  # the line above counts these
+            if EXCLUDED not in why:  # the line above counts these
                 style = "yellow" if why.startswith("caution:") else "dim"
                 results.print(f"  {short(case.file)}: {why}", style=style, markup=False,
                               highlight=False)
@@ -94,7 +94,7 @@ def _make_table(e: Evaluation) -> Table:
                   box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("recording (1 s)", no_wrap=True)
     table.add_column("n", justify="right", no_wrap=True)
-    for head, unit in zip(CHANNEL_TITLES, UNITS, strict=True):
+    for head, unit in zip(CHANNEL_TITLES, ERROR_UNITS, strict=True):
         table.add_column(f"{head}\n[dim]{unit}[/]", justify="right", no_wrap=True)
     width = min(MIN_NAME_WIDTH + max(results.width - WIDE_TERMINAL, 0), MAX_NAME_WIDTH)
     for file in e.model.slices:

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from dart_hal.cli.common.output import results
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
-from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.outcome import Identification
 from dart_lab.identification.write import SECTIONS, why_unsound
 from dart_lab.report.numbers import with_error
@@ -161,7 +161,7 @@ def _make_table(title: str, columns: Sequence[str], right: Sequence[str]) -> Tab
     return table
 
 
-def _is_identifiable(fit: Fit, key: str, e: Estimate) -> str:
+def _is_identifiable(fit: SubmodelFit, key: str, e: FittedParameter) -> str:
     if key in fit.at_bound:
         return "at bound"
     return "yes" if e.identifiable else "no"

@@ -35,9 +35,9 @@ from dart_lab.diagnosis.report.summary import headline, summary_lines
 from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 from dart_lab.diagnosis.write import write_model
 from dart_lab.identification.evaluation import evaluate
-from dart_lab.identification.outcome import jointly, per_recording
+from dart_lab.identification.outcome import identify_jointly, identify_per_recording
 from dart_lab.identification.shooting.identifiability import predict_identifiability
-from dart_lab.identification.write import SECTIONS, model_from
+from dart_lab.identification.write import SECTIONS, build_model
 
 STAGES = {
     "check": "are the recordings whole, and good for a fit?",
@@ -214,12 +214,13 @@ def _fit(study: Study, progress: Progress | None) -> StageResult:
     train, _ = _usable(study)
     command = f"dart-hal study: stage fit, seed {study.seed}"
     if train[0].mocap is not None:
-        outcome, _ = jointly(list(train), [], SECTIONS, study.start, command, None, progress)
+        outcome, _ = identify_jointly(list(train), [], SECTIONS, study.start, command, None,
+                                      progress)
     else:
-        outcome, _ = per_recording(list(train), [], SECTIONS, vehicle_of(study.start), command,
-                                   None, progress)
-    written = model_from(outcome.fits, outcome.over(study.start), outcome.source,
-                         joint=outcome.joint)
+        outcome, _ = identify_per_recording(list(train), [], SECTIONS, vehicle_of(study.start),
+                                            command, None, progress)
+    written = build_model(outcome.fits, outcome.over(study.start), outcome.source,
+                          joint=outcome.joint)
     if written.model is None:
         return StageResult("fit", "no sub-model could be fitted",
                            tuple(f"{name}: {why}" for name, why in written.left_out.items()),

@@ -12,7 +12,7 @@ from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.evaluation.cases import Case
-from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.actuators import actuator_outputs
 from dart_lab.identification.prediction.windows import find_windows
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -37,7 +37,7 @@ def drive(p=PAPER, seconds: float = 20.0, throttle: float = 0.25, steering: floa
     held = 0.1 * np.floor(10.0 * t + 1e-9)  # commands come at 10 Hz
     g = replace(empty_grid(len(t)), throttle=throttle + ramp * held,
                 steering=steering + weave * np.sin(2.0 * held))
-    tau, delta = actuated(p, g)
+    tau, delta = actuator_outputs(p, g)
     start = np.array([[0.3], [-0.2], [2.9], [speed], [0.0], [0.0]])
     after = rollout(p, start, tau[:-1, None], delta[:-1, None])[:, :, 0].T
     x, y, yaw, v_x, v_y, omega = np.concatenate([start, after], axis=1)

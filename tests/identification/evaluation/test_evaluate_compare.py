@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_lab.identification.evaluation import gain, gains
-from dart_lab.identification.evaluation.compare import LEAST_BLOCKS, blocks
+from dart_lab.identification.evaluation.compare import MIN_BLOCKS, label_blocks
 
 
 def test_an_exact_gain_has_an_interval_of_no_width():
@@ -45,7 +45,7 @@ def test_interval_covers_the_truth_and_one_over_windows_does_not():
 
 def test_too_few_blocks_give_no_interval():
     e = np.random.default_rng(1).normal(size=(2, 60))
-    found = gain(*e, np.repeat(np.arange(LEAST_BLOCKS - 1), 20))
+    found = gain(*e, np.repeat(np.arange(MIN_BLOCKS - 1), 20))
     assert np.isfinite(found.value)
     assert np.isnan(found.low)
     assert not found.certain
@@ -60,14 +60,14 @@ def test_the_same_seed_gives_the_same_interval():
 
 def test_blocks_never_reach_across_recordings(driven):
     cases = [driven(file=str(k), seconds=27.0) for k in range(3)]
-    block, unit = blocks(cases)
+    block, unit = label_blocks(cases)
     owner = np.repeat(np.arange(3), [len(c) for c in cases])
     for label in np.unique(block):
         assert len(set(owner[block == label])) == 1
     assert len(np.unique(block)) == 9
     assert unit == "stretches of 10 s"
     many = [replace(cases[0], file=str(k)) for k in range(8)]
-    by, unit = blocks(many)
+    by, unit = label_blocks(many)
     assert unit == "recordings"
     assert np.array_equal(np.unique(by), np.arange(8))
 

@@ -11,7 +11,7 @@ from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.evaluation import kinematic, kinematic_limit
 from dart_lab.identification.evaluation.limit import find_limits
 from dart_lab.identification.evaluation.noslip import SLIP_TOLERANCE, crossing
-from dart_lab.identification.evaluation.takeover import Bin, Gain, Takeover
+from dart_lab.identification.evaluation.takeover import Gain, Takeover, TakeoverBin
 from dart_lab.identification.prediction.windows import find_windows
 
 L_R = PAPER.body.l_r
@@ -44,7 +44,7 @@ def test_slip_of_a_linear_rear_tyre_is_found(ramps):
     slip, _ = find_limits(ramps(), L_R)
     assert slip.value == pytest.approx(SLIP_TOLERANCE / per, rel=0.08)
     assert slip.low <= slip.value <= slip.high
-    assert slip.supported
+    assert slip.is_supported
     assert slip.recordings == 4
 
 
@@ -67,7 +67,7 @@ def test_a_car_without_slip_has_no_limit_and_none_is_stated(ramps):
     limit = kinematic_limit(PAPER, ramps(kinematic(PAPER)))
     assert np.isnan(limit.slip.value)
     assert np.isnan(limit.curvature.value)
-    assert not limit.slip.supported
+    assert not limit.slip.is_supported
     words = limit.sentences()
     assert "no limit in lateral acceleration is stated" in words[0]
     assert "no limit in speed is stated" in words[1]
@@ -97,7 +97,7 @@ def test_one_recording_gives_no_interval(ramps):
     slip, _ = find_limits(ramps()[:1], L_R)
     assert np.isfinite(slip.value)
     assert np.isnan(slip.low)
-    assert not slip.supported
+    assert not slip.is_supported
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
                         Gain(0.1, -0.1, 0.3, 9, "recordings"))
 
     def describe_limit(*gains):
-        bins = tuple(Bin(k, k + 1.0, 99, 1.0, 0.5, g) for k, g in enumerate(gains))
+        bins = tuple(TakeoverBin(k, k + 1.0, 99, 1.0, 0.5, g) for k, g in enumerate(gains))
         return replace(limit, takeover=(Takeover("vy", "speed", bins),)).sentences()[2]
 
     assert "better in 2 of 3 bins" in describe_limit(good, good, thin)
@@ -132,7 +132,7 @@ def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
 
 def test_edges_need_certainty_all_the_way():
     def bins(*lows):
-        return tuple(Bin(k, k + 1.0, 99, 1.0, 1.0, Gain(low + 0.1, low, low + 0.2, 9, "x"))
+        return tuple(TakeoverBin(k, k + 1.0, 99, 1.0, 1.0, Gain(low + 0.1, low, low + 0.2, 9, "x"))
                      for k, low in enumerate(lows))
 
     t = Takeover("vy", "speed", bins(-0.1, -0.05, 0.1, -0.02, 0.2, 0.3))
@@ -154,7 +154,7 @@ def test_the_legend_explains_only_what_is_drawn(ramps):
     limit = kinematic_limit(PAPER, ramps())
 
     def legend(gain):
-        bins = (Bin(0.0, 1.0, 99, 1.0, 1.0, gain),)
+        bins = (TakeoverBin(0.0, 1.0, 99, 1.0, 1.0, gain),)
         figure = draw_limit(replace(limit, takeover=(Takeover("vy", "speed", bins),)))
         return {t.get_text() for axes in figure.axes[2:] for t in axes.get_legend().get_texts()}
 

@@ -10,16 +10,16 @@ import pytest
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_lab.identification.evaluation import (
     errors,
-    hold,
     kinematic,
     measured,
     predict,
+    predict_ctrv,
     score,
 )
 from dart_lab.identification.evaluation.prediction import CHANNELS
-from dart_lab.identification.evaluation.takeover import at_measured_speed
+from dart_lab.identification.evaluation.takeover import predict_at_measured_speed
 from dart_lab.identification.prediction import rollout
-from dart_lab.identification.prediction.rollout import LANES
+from dart_lab.identification.prediction.rollout import BATCH_WINDOWS
 
 
 @pytest.mark.parametrize("p", [PAPER, kinematic(PAPER), UPSTREAM_2024],
@@ -42,26 +42,26 @@ def test_another_car_is_not(driven):
 def test_the_memory_bound_changes_nothing(driven, monkeypatch):
     cases = [driven(PAPER, weave=0.4, seconds=12.0)]
     whole = predict(PAPER, cases)
-    monkeypatch.setattr(rollout, "LANES", 7)
+    monkeypatch.setattr(rollout, "BATCH_WINDOWS", 7)
     sizes = []
     assert np.array_equal(predict(PAPER, cases, sizes.append), whole)
     assert sizes == sorted(sizes)
     assert sizes[-1] == 1.0
     assert len(sizes) == -(-len(cases[0]) // 7)
-    assert LANES > 7
+    assert BATCH_WINDOWS > 7
 
 
 def test_holding_is_exact_on_a_circle_and_on_a_straight(driven):
     circle = driven(kinematic(PAPER), throttle=0.24, steering=0.6, seconds=30.0)
     late = replace(circle, windows=replace(circle.windows, start=circle.windows.start[-20:]))
-    e = errors(hold([late]), measured([late]))
+    e = errors(predict_ctrv([late]), measured([late]))
     assert np.abs(late.grid.omega[-1]) > 0.5
     assert np.abs(e[-1]).max() < 2e-4, "the speed is steady within some 1e-5 m/s"
     g = circle.grid
     straight = replace(late, grid=replace(
         g, x=0.8 * g.t, y=0.6 * g.t, yaw=np.full(len(g), np.arctan2(0.6, 0.8)),
         v_x=np.ones(len(g)), v_y=np.zeros(len(g)), omega=np.zeros(len(g))))
-    assert np.abs(errors(hold([straight]), measured([straight]))).max() < 1e-12
+    assert np.abs(errors(predict_ctrv([straight]), measured([straight]))).max() < 1e-12
 
 
 def test_holding_with_lateral_velocity_turns_the_velocity_too(driven):
@@ -73,7 +73,7 @@ def test_holding_with_lateral_velocity_turns_the_velocity_too(driven):
     mean = np.mean(vx * np.cos(turn) - vy * np.sin(turn))
     g = replace(case.grid, x=0 * t, y=0 * t, yaw=yaw, v_x=vx + 0 * t, v_y=vy + 0 * t,
                 omega=om + 0 * t)
-    x = hold([replace(case, grid=g)])[1, 0, 0]
+    x = predict_ctrv([replace(case, grid=g)])[1, 0, 0]
     assert x == pytest.approx(mean, abs=1e-9)
 
 
@@ -104,7 +104,7 @@ def test_a_diverged_prediction_is_infinitely_wrong_and_is_counted(driven):
 def test_at_the_measured_speed_only_the_turning_is_predicted(driven):
     cases = [driven(PAPER, weave=0.5)]
     weak = replace(PAPER, motor=replace(PAPER.motor, d=15.0))
-    free, given = predict(weak, cases)[1], at_measured_speed(weak, cases)
+    free, given = predict(weak, cases)[1], predict_at_measured_speed(weak, cases)
     truth = measured(cases)[1]
     assert np.abs(free[3] - truth[3]).max() > 0.3
     assert np.abs(given[3] - truth[3]).max() < 0.03

@@ -17,10 +17,10 @@ from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.evaluation import (
     HORIZONS,
     errors,
-    hold,
     kinematic,
     measured,
     predict,
+    predict_ctrv,
     prepare,
 )
 from dart_lab.identification.evaluation.cases import Case
@@ -44,7 +44,8 @@ class Table:
         self.cases = prepare(self.recordings).cases
         truth = measured(self.cases)
         self.errors = [errors(states, truth) for states in (
-            hold(self.cases), predict(kinematic(PAPER), self.cases), predict(PAPER, self.cases))]
+            predict_ctrv(self.cases), predict(kinematic(PAPER), self.cases),
+                                                            predict(PAPER, self.cases))]
         self.paths = [paths[c.file] for c in self.cases for _ in range(len(c))]
 
     def row(self, row):

@@ -12,7 +12,7 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.recording.dart import RUN
 from dart_lab.identification.evaluation import prepare
 from dart_lab.identification.evaluation.cases import short
-from dart_lab.identification.prediction.windows import covered, find_windows
+from dart_lab.identification.prediction.windows import find_windows, is_covered
 
 
 @pytest.fixture
@@ -55,8 +55,8 @@ def test_slow_and_bad_counts_as_slow(moving):
 
 def test_samples_covered_are_counted_once(moving):
     g = moving(291)
-    assert covered(find_windows(g), len(g)).sum() == 50 + 201
-    assert covered(find_windows(moving(10)), 10).sum() == 0
+    assert is_covered(find_windows(g), len(g)).sum() == 50 + 201
+    assert is_covered(find_windows(moving(10)), 10).sum() == 0
 
 
 def test_a_folder_called_csv_names_no_recording(excerpt):

@@ -13,10 +13,15 @@ from dart_hal.core.config import CarFiles, parse_car
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import make_acceleration, make_steering
 from dart_lab.identification.experiment.floor import Floor
-from dart_lab.identification.experiment.handover import Outcome, fit_run, mass_of, note_mass
+from dart_lab.identification.experiment.handover import (
+    ExperimentOutcome,
+    find_mass,
+    fit_run,
+    note_mass,
+)
 from dart_lab.identification.experiment.make import conduct, make_plan
-from dart_lab.identification.experiment.runner import Drive
-from dart_lab.identification.fit import Fit
+from dart_lab.identification.experiment.runner import ExperimentDrive
+from dart_lab.identification.fit import SubmodelFit
 from dart_lab.sim.car_file import car_toml
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 
@@ -27,14 +32,14 @@ FLOOR = {"friction": "10x3", "motor": "12x3", "steering": "8", "delay": "7", "ty
 class Driven:
     """One experiment on one hidden car."""
 
-    drive: Drive
-    outcome: Outcome
+    drive: ExperimentDrive
+    outcome: ExperimentOutcome
     files: CarFiles
     truth: HiddenCar
     path: object
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> SubmodelFit:
         return self.outcome.fits[self.drive.plan.name]
 
 
@@ -74,7 +79,7 @@ def experiment(tmp_path):
         path = tmp_path / f"{name}-{seed}.mcap"
         with Car.over(backend, cars=tmp_path, record=path) as car:
             plan = make_plan(name, car.files, Floor.parse(FLOOR[name]), None)
-            mass = mass_of(car.files, None, backend.workshop)
+            mass = find_mass(car.files, None, backend.workshop)
             note_mass(car, mass)
             drive = conduct(car, plan)
             files = car.files
@@ -91,7 +96,7 @@ def files(tmp_path_factory) -> CarFiles:
 @pytest.fixture
 def misses():
     """``misses(fit, truth)`` -> by parameter, how many standard errors the truth is away."""
-    def relative_errors(fit: Fit, truth: dict[str, float]) -> dict[str, float]:
+    def relative_errors(fit: SubmodelFit, truth: dict[str, float]) -> dict[str, float]:
         return {n: (e.value - truth[n]) / e.std for n, e in fit.parameters.items()
                 if n in truth and e.identifiable and np.isfinite(e.std)}
     return relative_errors

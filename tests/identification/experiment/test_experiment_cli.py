@@ -158,8 +158,8 @@ def test_ctrl_c_keeps_the_recording_and_names_the_place(run, monkeypatch, tmp_pa
         if len(self._frames) > 300 and not isinstance(self._car, PaperCar):  # not the rehearsal
             raise KeyboardInterrupt
         return original(self, *args)
-    original = runner.Runner._steering
-    monkeypatch.setattr(runner.Runner, "_steering", broken)
+    original = runner.ExperimentRunner._steering
+    monkeypatch.setattr(runner.ExperimentRunner, "_steering", broken)
     code, _, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap")
     assert code == 130
     assert "one.mcap" in err

@@ -10,12 +10,12 @@ from dart_hal.car import Car
 from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.types import Applied
 from dart_lab.identification.experiment.excitation import Constant
-from dart_lab.identification.experiment.floor import Floor, Place
-from dart_lab.identification.experiment.handover import fit_run, mass_of
+from dart_lab.identification.experiment.floor import Floor, StartPlace
+from dart_lab.identification.experiment.handover import find_mass, fit_run
 from dart_lab.identification.experiment.make import conduct, make_plan
-from dart_lab.identification.experiment.plans import Plan, Segment
+from dart_lab.identification.experiment.plans import ExperimentPlan, Segment
 from dart_lab.identification.experiment.rehearsal import PaperCar
-from dart_lab.identification.experiment.runner import run
+from dart_lab.identification.experiment.runner import run_plan
 
 
 class Troubled(PaperCar):
@@ -56,7 +56,7 @@ def plan(files):
 @pytest.mark.slow
 def test_sound_car_drives_to_the_end(files, plan):
     car = Troubled(files)
-    drive = run(car, plan)
+    drive = run_plan(car, plan)
     assert not drive.stopped
     assert car.stops == 1
 
@@ -64,7 +64,7 @@ def test_sound_car_drives_to_the_end(files, plan):
 def test_car_that_never_moves_is_reported_with_its_cause(files, plan):
     car = Troubled(files, esc=False)
     with pytest.raises(ExperimentFailed, match="does not move") as error:
-        run(car, plan)
+        run_plan(car, plan)
     assert "ESC" in error.value.likely
     assert car.stops == 1
 
@@ -72,30 +72,30 @@ def test_car_that_never_moves_is_reported_with_its_cause(files, plan):
 def test_dead_encoder_is_distinguished_from_a_dead_esc(files, plan):
     car = Troubled(files, encoder=False)
     with pytest.raises(ExperimentFailed, match="encoder does not count"):
-        run(car, plan)
+        run_plan(car, plan)
     assert car.stops == 1
 
 
 def test_lost_yaw_rate_ends_the_drive(files, plan):
     with pytest.raises(ExperimentFailed, match="no yaw rate"):
-        run(Troubled(files, imu=False), plan)
+        run_plan(Troubled(files, imu=False), plan)
 
 
 def test_a_trip_ends_the_drive_with_its_cause(files, plan):
     with pytest.raises(ExperimentFailed, match="TRIPPED") as error:
-        run(Troubled(files, disarm_at=4.0), plan)
+        run_plan(Troubled(files, disarm_at=4.0), plan)
     assert "LINK_STALE" in error.value.found
 
 
 def test_ctrl_c_stops_the_car(files, plan):
     car = Troubled(files, break_at=5.0)
     with pytest.raises(KeyboardInterrupt):
-        run(car, plan)
+        run_plan(car, plan)
     assert car.stops == 1
 
 
 def test_car_that_does_not_steer_is_stopped_before_the_edge(files, plan):
-    drive = run(Troubled(files, steers=False), plan)
+    drive = run_plan(Troubled(files, steers=False), plan)
     assert "lane" in drive.stopped
     assert all(plan.fence.inside(f.pose.x, f.pose.y) for f in drive.frames)
 
@@ -103,9 +103,9 @@ def test_car_that_does_not_steer_is_stopped_before_the_edge(files, plan):
 @pytest.mark.parametrize("throttle", [0.3, 0.5])
 def test_fence_stops_in_time_for_the_car_to_roll_out(files, throttle):
     ahead = Segment("away", 20.0, throttle=Constant(throttle), steering=Constant(-0.02))
-    plan = Plan("friction", (ahead,), Floor(6.0, 4.0), Place(1.0, 2.0), 9.0)
+    plan = ExperimentPlan("friction", (ahead,), Floor(6.0, 4.0), StartPlace(1.0, 2.0), 9.0)
     car = PaperCar(files)
-    drive = run(car, plan)
+    drive = run_plan(car, plan)
     assert "left the floor" in drive.stopped
     for state in car.states():
         if state.speed < 0.02:
@@ -116,8 +116,8 @@ def test_fence_stops_in_time_for_the_car_to_roll_out(files, throttle):
 
 def test_top_speed_ends_a_drive_that_runs_away(files):
     away = Segment("away", 20.0, throttle=Constant(0.5), steering=Constant(0.0))
-    plan = Plan("friction", (away,), Floor(99.0, 99.0), Place(40.0, 40.0), 1.0)
-    drive = run(PaperCar(files), plan)
+    plan = ExperimentPlan("friction", (away,), Floor(99.0, 99.0), StartPlace(40.0, 40.0), 1.0)
+    drive = run_plan(PaperCar(files), plan)
     assert "top speed" in drive.stopped
     assert max(f.speed for f in drive.frames) < 1.6
 
@@ -137,7 +137,7 @@ def test_aborted_run_is_kept_and_its_fit_states_too_little(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             conduct(car, plan, interrupt)
         assert car.mode == "DISARMED"
-    fit = fit_run(path, "friction", files, mass_of(files)).fits["friction"]
+    fit = fit_run(path, "friction", files, find_mass(files)).fits["friction"]
     assert not fit.converged
     assert not any(e.identifiable for e in fit.parameters.values())
     assert any("needed" in note for note in fit.notes)

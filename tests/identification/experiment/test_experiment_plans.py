@@ -12,13 +12,13 @@ from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.experiment.excitation import Chirp, Levels, Ramp, random_steps
-from dart_lab.identification.experiment.floor import Floor, fence_of
-from dart_lab.identification.experiment.limits import Rolling, stays_inside
+from dart_lab.identification.experiment.floor import Floor, make_fence
+from dart_lab.identification.experiment.limits import RollingDistance, stays_inside
 from dart_lab.identification.experiment.make import make_plan
-from dart_lab.identification.experiment.plans import NAMES, PROBES
-from dart_lab.identification.experiment.rehearsal import PaperCar, rehearse
-from dart_lab.identification.experiment.runner import run
-from dart_lab.identification.experiment.track import Track
+from dart_lab.identification.experiment.plans import EXPERIMENTS, PROBES
+from dart_lab.identification.experiment.rehearsal import PaperCar, rehearse_plan
+from dart_lab.identification.experiment.runner import run_plan
+from dart_lab.identification.experiment.track import DriveTrack
 
 
 @pytest.mark.parametrize(("text", "sides"), [("8", (8.0, 8.0)), ("12x3", (12.0, 3.0)),
@@ -40,7 +40,7 @@ def test_floor_that_is_none_is_refused(text):
 @pytest.mark.slow
 def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
-    drive = run(PaperCar(files), plan)
+    drive = run_plan(PaperCar(files), plan)
     assert not drive.stopped
     assert all(plan.fence.inside(f.pose.x, f.pose.y) for f in drive.frames)
     assert max(f.speed for f in drive.frames) <= plan.speed + 0.15
@@ -55,7 +55,7 @@ def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, fil
 @pytest.mark.slow
 def test_probe_stays_on_the_floor_and_is_not_stopped(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
-    drive = run(PaperCar(files), plan)
+    drive = run_plan(PaperCar(files), plan)
     assert not drive.stopped  # at the fence, or well above its speed
     assert all(plan.fence.inside(f.pose.x, f.pose.y) for f in drive.frames)
     assert any(f.measured for f in drive.frames)
@@ -67,13 +67,13 @@ def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
     assert not make_plan("friction", files, Floor(40.0, 1.0), None).oval
     plan = make_plan("friction", files, Floor(8.0, 3.0), None)
     assert plan.oval
-    _, drive = rehearse(plan, files)
+    _, drive = rehearse_plan(plan, files)
     turned = {round(math.remainder(f.pose.yaw, 2.0 * math.pi), 0) for f in drive.frames
               if f.measured}
     assert turned <= {0.0, -3.0, 3.0}  # pulls go there and back, none of them in a turn
 
 
-@pytest.mark.parametrize("name", [*NAMES, *(n for n in PROBES if n != "standstill")])
+@pytest.mark.parametrize("name", [*EXPERIMENTS, *(n for n in PROBES if n != "standstill")])
 @pytest.mark.slow_except("friction")
 def test_too_small_a_floor_names_what_is_needed(name, files):
     with pytest.raises(ExperimentFailed) as error:
@@ -103,7 +103,7 @@ def test_unknown_experiment_lists_those_that_exist(files):
 
 
 def test_rolling_distance_is_that_of_the_friction_with_a_reserve():
-    rolling, speeds = Rolling(PAPER), np.array([0.5, 1.0, 2.0, 3.0])
+    rolling, speeds = RollingDistance(PAPER), np.array([0.5, 1.0, 2.0, 3.0])
     slowing = (PAPER.friction.a + 0.5 * PAPER.friction.c * speeds) / PAPER.body.mass
     free = speeds**2 / (2.0 * slowing)
     ahead = np.array([rolling(float(v)) for v in speeds])
@@ -113,8 +113,8 @@ def test_rolling_distance_is_that_of_the_friction_with_a_reserve():
 
 
 def test_fence_looks_ahead_along_the_arc():
-    from dart_lab.identification.experiment.floor import Place
-    fence = fence_of(Floor(6.0, 6.0), Place(3.0, 3.0), margin=0.0)
+    from dart_lab.identification.experiment.floor import StartPlace
+    fence = make_fence(Floor(6.0, 6.0), StartPlace(3.0, 3.0), margin=0.0)
     at = Pose(2.5, 0.0, 0.0)
     assert not stays_inside(fence, at, 0.0, 1.0)  # straight through the wall
     assert stays_inside(fence, at, 1.0 / 0.4, 1.0)  # turns away before it
@@ -123,7 +123,7 @@ def test_fence_looks_ahead_along_the_arc():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_lane_keeping_steers_back_to_the_lane(side):
-    track = Track(5.0, oval=True)
+    track = DriveTrack(5.0, oval=True)
     assert side * track.along_lane(Pose(1.0, 0.2 * side, 0.0), 1.0, 0.175) < 0.0
     assert side * track.along_lane(Pose(1.0, 0.0, 0.2 * side), 1.0, 0.175) < 0.0
     back = Pose(3.0, 1.5 - 0.2 * side, math.pi)
@@ -132,10 +132,10 @@ def test_lane_keeping_steers_back_to_the_lane(side):
 
 @pytest.mark.parametrize("oval", [True, False])
 def test_a_car_set_down_before_the_lane_has_all_of_it_ahead(oval):
-    track = Track(5.0, oval=oval)
-    track.seen(Pose(-0.002, 0.0, 0.0))
+    track = DriveTrack(5.0, oval=oval)
+    track.update(Pose(-0.002, 0.0, 0.0))
     assert track.remaining == pytest.approx(5.0, abs=0.01)
-    track.seen(Pose(0.1, 0.0, 0.0))
+    track.update(Pose(0.1, 0.0, 0.0))
     assert track.remaining == pytest.approx(4.9, abs=0.01)
 
 

@@ -19,9 +19,9 @@ from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 from dart_lab.identification.experiment.circles import TYRE_STEERING
-from dart_lab.identification.experiment.understeer import GENTLE
-from dart_lab.identification.mass import never_weighed, weighed
-from dart_lab.identification.outcome import per_recording
+from dart_lab.identification.experiment.understeer import GRADIENT_RANGE
+from dart_lab.identification.mass import average_mass, note_unweighed
+from dart_lab.identification.outcome import identify_per_recording
 from dart_lab.identification.submodels import fit_submodels
 
 WAIT = 0.0119
@@ -45,7 +45,7 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
         assert entry.std < most * entry.value
     assert abs(done.outcome.mass.value - done.truth.vehicle.body.mass) < 0.008
     # identify takes the mass out of the recording, and the model it writes has it
-    found, recordings = per_recording(*read_any([done.path]), ["friction"], PAPER, "")
+    found, recordings = identify_per_recording(*read_any([done.path]), ["friction"], PAPER, "")
     mass = found.mass
     assert mass is not None
     assert (mass.value, mass.std) == pytest.approx((done.outcome.mass.value,
@@ -55,9 +55,9 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
     assert again == pytest.approx(done.fit.parameters["a"].value, rel=0.002)
     assert abs(mass.value / PAPER.body.mass - 1.0) > 0.004  # negative control: it does matter
     unknown = [replace(r, mass=None) for r in recordings]
-    assert weighed(unknown) is None
-    assert "nobody has weighed" in never_weighed(unknown, PAPER)
-    assert not never_weighed(recordings, PAPER)
+    assert average_mass(unknown) is None
+    assert "the car was not weighed" in note_unweighed(unknown, PAPER)
+    assert not note_unweighed(recordings, PAPER)
 
 
 @pytest.mark.long
@@ -124,7 +124,7 @@ def test_identify_reads_the_delay_as_the_experiment_does(experiment):
 def test_understeer_of_a_hidden_car(experiment, true_slope):
     done = experiment("tyres", 6)
     understeer = done.outcome.understeer
-    slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+    slope = true_slope(done.truth, TYRE_STEERING, *GRADIENT_RANGE)
     assert abs(understeer.gradient.value - slope) < FAR * understeer.gradient.std
     assert understeer.gradient.std < 0.0015
     value, std = understeer.combination
@@ -133,7 +133,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
     assert std > 0.0
     # the two axles each are not identified, and not reported as such
     assert not any(e.identifiable for e in done.fit.parameters.values())
-    assert any("cannot be told apart" in note for note in done.fit.notes)
+    assert any("cannot be separated" in note for note in done.fit.notes)
 
 
 @pytest.mark.emulator
@@ -141,7 +141,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
 def test_understeer_through_the_real_firmware(experiment, true_slope):
     done = experiment("tyres", 4, nano="avr")
     understeer = done.outcome.understeer
-    slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+    slope = true_slope(done.truth, TYRE_STEERING, *GRADIENT_RANGE)
     assert abs(understeer.gradient.value - slope) < FAR * understeer.gradient.std
 
 
@@ -165,7 +165,7 @@ def test_understeer_over_hidden_cars(experiment, true_slope):
     for seed in range(1, 13):
         done = experiment("tyres", seed)
         understeer = done.outcome.understeer.gradient
-        slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
+        slope = true_slope(done.truth, TYRE_STEERING, *GRADIENT_RANGE)
         away.append((understeer.value - slope) / understeer.std)
     assert np.abs(away).max() < FAR
     assert np.mean(np.abs(away) < 1.645) > 0.7

@@ -130,7 +130,7 @@ def test_one_level_shows_no_curve(tmp_path):
         assert not fit.sound
         assert {n for n, e in fit.parameters.items() if np.isinf(e.std)} == unidentified
         assert not any(e.identifiable for e in fit.parameters.values())
-        assert any("do not tell" in note for note in fit.notes)
+        assert any("not identifiable" in note for note in fit.notes)
 
 
 def test_a_gate_that_is_closed_means_throttle_zero(tmp_path):

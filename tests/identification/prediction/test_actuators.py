@@ -14,7 +14,11 @@ from dart_hal.vehicle.effect import ActiveEffect, Effect, Parameter, PureDelay, 
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.identification.prediction.actuators import actuated, delay_command, reached
+from dart_lab.identification.prediction.actuators import (
+    actuator_outputs,
+    apply_command_effects,
+    delay_command,
+)
 
 
 def recursion(u, lag):
@@ -76,7 +80,7 @@ def test_delay_then_lag_then_map(empty):
     rng = np.random.default_rng(2)
     g = replace(empty(300), throttle=rng.uniform(0, 0.5, 300), steering=rng.uniform(-1, 1, 300))
     p = replace(UPSTREAM_2024, delay=replace(UPSTREAM_2024.delay, steering_s=0.07))
-    throttle, angle = actuated(p, g)
+    throttle, angle = actuator_outputs(p, g)
     d = p.delay
     late = np.concatenate([np.full(7, g.steering[0]), g.steering[:-7]])
     curve = make_steering(p.steering)
@@ -87,7 +91,7 @@ def test_delay_then_lag_then_map(empty):
 
 def test_the_paper_delays_steering_alone(empty):
     g = replace(empty(60), throttle=np.arange(60.0) / 60, steering=np.arange(60.0) / 60)
-    throttle, angle = actuated(PAPER, g)
+    throttle, angle = actuator_outputs(PAPER, g)
     assert np.array_equal(throttle, g.throttle)
     assert angle[40] == pytest.approx(make_steering(PAPER.steering)(25.0 / 60), abs=1e-12)
 
@@ -106,7 +110,8 @@ def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(name):
     s, t = np.random.default_rng(5).uniform(-1, 1, 100), np.arange(100) * 0.01
     k = catalogue()[name].parameters[0].sizes[2]
     other = replace(UPSTREAM_2024, steering=replace(PAPER.steering, k_left=3.0))
-    a, b = (reached(apply(p, name, k=k), "steering", s, t, "mean") for p in (PAPER, other))
+    a, b = (apply_command_effects(apply(p, name, k=k), "steering", s, t, "mean") for p
+            in (PAPER, other))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, s)
 
@@ -114,17 +119,17 @@ def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(name):
 def test_effects_on_commands_enter_where_they_state(empty):
     rng = np.random.default_rng(3)
     g = replace(empty(300), throttle=rng.uniform(0, 0.5, 300), steering=rng.uniform(-1, 1, 300))
-    throttle, angle = actuated(PAPER, g)
+    throttle, angle = actuator_outputs(PAPER, g)
     fading = Static(lambda p, f, k: lambda u, now: u * (1.0 - k * now.t))
-    got = actuated(carrying(PAPER, 0.1, signals={"throttle": fading}), g)
+    got = actuator_outputs(carrying(PAPER, 0.1, signals={"throttle": fading}), g)
     assert np.allclose(got[0], throttle * (1.0 - 0.1 * g.t), atol=1e-15)
     assert np.array_equal(got[1], angle)
     offset = Static(lambda p, f, k: lambda u, now: u + k)
-    got = actuated(carrying(PAPER, 0.02, signals={"steering": offset}), g)
+    got = actuator_outputs(carrying(PAPER, 0.02, signals={"steering": offset}), g)
     s = delay_command(g.steering, PAPER.delay.steering_s)
     assert np.allclose(got[1], make_steering(PAPER.steering, np)(s + 0.02), atol=1e-12)
     late = PureDelay(lambda k: k)
-    assert np.array_equal(actuated(carrying(PAPER, 0.05, signals={"angle": late}), g)[1],
+    assert np.array_equal(actuator_outputs(carrying(PAPER, 0.05, signals={"angle": late}), g)[1],
                           delay_command(angle, 0.05))
 
     def slack(p, f, dt, width):
@@ -133,7 +138,7 @@ def test_effects_on_commands_enter_where_they_state(empty):
             return held, held
         return (lambda u: (u,)), step
 
-    got = actuated(carrying(PAPER, 0.1, signals={"angle": Stateful(slack)}), g)[1]
+    got = actuator_outputs(carrying(PAPER, 0.1, signals={"angle": Stateful(slack)}), g)[1]
     assert np.abs(got - angle).max() == pytest.approx(0.1)
     assert got[0] == angle[0]
 
@@ -145,11 +150,11 @@ def test_effects_on_parameters_are_applied_first(empty):
         return replace(p, delay=replace(p.delay, steering_s=p.delay.steering_s + seconds))
 
     g = replace(g, steering=np.arange(60.0) / 60)
-    got = actuated(carrying(PAPER, 0.1, vehicle=slower), g)[1]
-    assert np.array_equal(got, actuated(slower(PAPER, 0.1), g)[1])
+    got = actuator_outputs(carrying(PAPER, 0.1, vehicle=slower), g)[1]
+    assert np.array_equal(got, actuator_outputs(slower(PAPER, 0.1), g)[1])
 
 
 def test_an_effect_that_needs_the_motion_is_refused(empty):
     hook = Static(lambda p, f, k: lambda u, now: u + k * now.v_x)
     with pytest.raises(UsageError, match="made_up"):
-        actuated(carrying(PAPER, 0.1, signals={"angle": hook}), empty(50))
+        actuator_outputs(carrying(PAPER, 0.1, signals={"angle": hook}), empty(50))

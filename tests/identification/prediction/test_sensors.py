@@ -15,7 +15,12 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
+from dart_lab.identification.prediction.sensors import (
+    add_drive_force,
+    marker_pose,
+    motion,
+    read_sensors,
+)
 
 HOST = Path(__file__).resolve().parents[3] / "host"
 T = 0.01 * np.arange(50)
@@ -30,25 +35,25 @@ def carrying(name, *values):
 
 def test_on_a_circle_the_accelerometer_measures_v_omega_and_the_gear_turns():
     now = motion(T, CIRCLE)
-    wheel, gyro, a_x, a_y = sensed(PAPER, now)
+    wheel, gyro, a_x, a_y = read_sensors(PAPER, now)
     assert (wheel[7], gyro[7], a_x[7]) == (SPEED, RATE, 0.0)
     assert a_y == pytest.approx(SPEED * RATE)
     assert now.turns[-1] == pytest.approx(SPEED * 0.5 / GEAR_REVOLUTION)
 
 
 def test_the_force_at_the_wheels_is_motor_and_friction():
-    now = driven(PAPER, motion(T, CIRCLE), np.full(50, 0.3))
+    now = add_drive_force(PAPER, motion(T, CIRCLE), np.full(50, 0.3))
     expected = make_motor(PAPER.motor)(0.3, SPEED) + make_friction(PAPER.friction)(SPEED)
     assert now.drive == pytest.approx(expected)
 
 
 def test_effects_change_what_they_name():
     now = motion(T, CIRCLE)
-    assert sensed(carrying("gyro_scale", 0.1), now)[1] == pytest.approx(1.1 * RATE)
+    assert read_sensors(carrying("gyro_scale", 0.1), now)[1] == pytest.approx(1.1 * RATE)
     marker = tuple(CIRCLE[:3])
-    for ours, expected in zip(marker, posed(PAPER, T, CIRCLE, marker), strict=True):
+    for ours, expected in zip(marker, marker_pose(PAPER, T, CIRCLE, marker), strict=True):
         assert expected is ours
-    late = posed(carrying("mocap_latency", 0.02), T, CIRCLE, marker)
+    late = marker_pose(carrying("mocap_latency", 0.02), T, CIRCLE, marker)
     assert late[2][10:] == pytest.approx(CIRCLE[2][8:-2])
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_lab.identification.submodels import fit_submodels
-from dart_lab.identification.submodels.understeer import understeer
+from dart_lab.identification.submodels.understeer import estimate_understeer
 
 MAP = {n: getattr(PAPER.steering, n)
        for n in ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right")}
@@ -75,7 +75,7 @@ def test_too_few_levels_and_a_wrong_sign_are_refused_in_words(workshop, lively):
 def test_one_side_only_is_reported(workshop, lively):
     recordings = [replace(r, messages=replace(
         r.messages, speed=np.where(r.messages.steering > -0.1, r.messages.speed, 0.0)))
-        for r in levels(workshop, lively, first=21, name="side")[0]]
+                  for r in levels(workshop, lively, first=21, name="side")[0]]
     fit = fit_submodels(recordings, ("steering",))[0]["steering"]
     assert fit.parameters["a_left_rad"].identifiable
     assert not fit.parameters["a_right_rad"].identifiable
@@ -95,7 +95,7 @@ def test_two_speeds_at_one_command_show_the_understeer_gradient(workshop, lively
     recordings = workshop.recordings(
         workshop.drive(grippy, np.repeat(tau, 3, axis=0), np.repeat(steering, 3, axis=0), rng,
                        substeps=4), 23, name="pairs")
-    found = understeer(recordings, None, grippy)
+    found = estimate_understeer(recordings, None, grippy)
     assert found is not None
     value, std = found
     assert abs(value - truth) < 3.0 * std
@@ -139,7 +139,7 @@ def test_a_slow_sine_does_not_separate_delay_from_lag(workshop, lively):
     assert not fit.parameters["steering_lag_s"].identifiable
     assert fit.parameters["steering_lag_s"].value == 0.0
     assert fit.parameters["steering_s"].value == pytest.approx(total, abs=0.012)
-    assert any("cannot be told apart" in note for note in fit.notes)
+    assert any("cannot be separated" in note for note in fit.notes)
 
 
 @pytest.mark.slow

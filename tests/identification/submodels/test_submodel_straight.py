@@ -10,15 +10,15 @@ import pytest
 from dart_hal.calibration.sessions import sessions_of
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.fitting.covariance import enclosing_covariance
-from dart_lab.identification.fit import Estimate
+from dart_lab.identification.fit import FittedParameter
 from dart_lab.identification.submodels import fit_submodels
-from dart_lab.identification.submodels.coasting import driven, fit_coasting
+from dart_lab.identification.submodels.coasting import fit_coasting, select_driven
 from dart_lab.identification.submodels.guess import first_guess
 from dart_lab.identification.submodels.motor_fit import fit_motor
 from dart_lab.identification.submodels.report import Ledger
-from dart_lab.identification.submodels.speeds import speeds_of
-from dart_lab.identification.submodels.straight import NAMES, solve_straight
-from dart_lab.identification.submodels.stretches import cut
+from dart_lab.identification.submodels.speeds import read_speeds
+from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, solve_straight
+from dart_lab.identification.submodels.stretches import cut_stretches
 
 LEVELS = (0.2, 0.22, 0.24, 0.27, 0.29, 0.32, 0.36, 0.4)
 TRUTH = {**{n: getattr(PAPER.friction, n) for n in "abc"},
@@ -48,8 +48,8 @@ def scores(values, errors):
 
 
 def prepared(recordings):
-    series = [speeds_of(r, None, Ledger()) for r in recordings]
-    return series, cut(series), first_guess(series, PAPER, PAPER.body.mass)
+    series = [read_speeds(r, None, Ledger()) for r in recordings]
+    return series, cut_stretches(series), first_guess(series, PAPER, PAPER.body.mass)
 
 
 @pytest.mark.slow
@@ -68,7 +68,7 @@ def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     """Cars that chance pushes roll longer: taken as long as they roll, friction seems to fade."""
     right, wrong = [], []
     for recordings in sets:
-        series = [s for r in recordings if (s := speeds_of(r, None, Ledger())) is not None]
+        series = [s for r in recordings if (s := read_speeds(r, None, Ledger())) is not None]
         rolling = [s.only(np.flatnonzero(~s.tail)) for s in series]
         for out, some in ((right, series), (wrong, rolling)):
             out.append(1.0 / fit_coasting(some, [""] * len(some), PAPER, 1.67)[0].value("b"))
@@ -86,7 +86,7 @@ def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, liv
     recordings = workshop.recordings(replace(slower, throttle=throttle), 80, name="sag")
     other_form = fit_submodels(recordings, ("friction", "motor"))[0]["friction"].parameters
     series, s, x0 = prepared(recordings)
-    together = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
+    together = solve_straight(series, s, PAPER, x0, STRAIGHT_NAMES, PAPER.body.mass)
     for n in "ac":
         assert abs(other_form[n].value - TRUTH[n]) < 2.5 * other_form[n].std
     assert abs(together.value("c") - TRUTH["c"]) > 2.5 * together.std("c")
@@ -95,14 +95,14 @@ def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, liv
 @pytest.mark.slow
 def test_the_error_of_the_friction_is_in_the_motor(sets):
     """As much as the motor moves when it is fitted again with another friction."""
-    series = [s for r in sets[0] if (s := speeds_of(r, None, Ledger())) is not None]
+    series = [s for r in sets[0] if (s := read_speeds(r, None, Ledger())) is not None]
     coast = fit_coasting(series, [""] * len(series), PAPER, PAPER.body.mass)[0]
-    parts = [d for s in series if (d := driven(s)) is not None]
+    parts = [d for s in series if (d := select_driven(s)) is not None]
     x0 = np.concatenate([coast.x[:3], first_guess(series, PAPER, PAPER.body.mass)[3:]])
 
     def fit(x0, friction):
-        return fit_motor(parts, np.zeros(len(parts), dtype=int), PAPER, x0, NAMES[3:], friction,
-                         PAPER.body.mass)[0]
+        return fit_motor(parts, np.zeros(len(parts), dtype=int), PAPER, x0, STRAIGHT_NAMES[3:],
+                         friction, PAPER.body.mass)[0]
 
     friction = coast.covariance[:3, :3]
     found, exact = fit(x0, friction), fit(x0, 0.0 * friction)
@@ -134,7 +134,7 @@ def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
                                           name=f"car_1_Datarecording_01_{day}_2024_15_00_00")
     motor = fit_submodels(recordings, ("motor",))[0]["motor"]
     series, s, x0 = prepared(recordings)
-    one = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
+    one = solve_straight(series, s, PAPER, x0, STRAIGHT_NAMES, PAPER.body.mass)
     for n in "deg":
         entry = motor.parameters[n]
         assert abs(entry.value - TRUTH[n]) < 3.0 * entry.std
@@ -182,7 +182,7 @@ def test_samples_taken_as_independent_would_promise_too_much(sets, fits):
     for recordings, fit in zip(sets[:1], fits, strict=False):
         series, s, x0 = prepared(recordings)
         naive = replace(s, block=np.arange(len(s.v)))
-        alone = solve_straight(series, naive, PAPER, x0, NAMES, PAPER.body.mass)
+        alone = solve_straight(series, naive, PAPER, x0, STRAIGHT_NAMES, PAPER.body.mass)
         ratio += [fit["motor"].parameters[n].std / alone.std(n) for n in "de"]
     assert np.mean(ratio) > 1.5
 
@@ -196,9 +196,9 @@ def test_without_its_delay_the_motor_is_biased(workshop, lively):
     car = replace(lively, delay=replace(lively.delay, throttle_s=0.14))
     series, s, x0 = prepared(workshop.recordings(
         workshop.drive(car, throttle, 0.0 * throttle, rng), 40, name="fast"))
-    right = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
+    right = solve_straight(series, s, PAPER, x0, STRAIGHT_NAMES, PAPER.body.mass)
     x0[6:] = 0.0
-    wrong = solve_straight(series, s, PAPER, x0, NAMES[:6], PAPER.body.mass)
+    wrong = solve_straight(series, s, PAPER, x0, STRAIGHT_NAMES[:6], PAPER.body.mass)
     assert abs(wrong.value("d") - TRUTH["d"]) > 2.0 * abs(right.value("d") - TRUTH["d"])
     assert abs(wrong.value("d") / TRUTH["d"] - 1.0) > 0.1
     assert wrong.rmse > 1.2 * right.rmse
@@ -210,7 +210,7 @@ def test_without_its_delay_the_motor_is_biased(workshop, lively):
 def test_the_error_of_the_mass_is_in_every_force(sets, fits):
     plain = fits[0]
     vague = fit_submodels(sets[0], ("friction", "motor"),
-                          mass=Estimate(PAPER.body.mass, 0.2, "kg"))[0]
+                          mass=FittedParameter(PAPER.body.mass, 0.2, "kg"))[0]
     for name in ("d", "e"):
         share = vague["motor"].parameters[name]
         own = plain["motor"].parameters[name].std
@@ -220,7 +220,7 @@ def test_the_error_of_the_mass_is_in_every_force(sets, fits):
 
 @pytest.mark.slow
 def test_twice_the_mass_is_twice_the_forces(sets, fits):
-    twice = fit_submodels(sets[0], ("motor",), mass=Estimate(3.34, 0.0, "kg"))[0]["motor"]
+    twice = fit_submodels(sets[0], ("motor",), mass=FittedParameter(3.34, 0.0, "kg"))[0]["motor"]
     once = fits[0]["motor"]
     assert twice.values()["d"] == pytest.approx(2.0 * once.values()["d"], rel=0.02)
     assert twice.values()["g"] == pytest.approx(once.values()["g"], abs=0.002)
@@ -236,7 +236,7 @@ def test_one_throttle_level_shows_no_dead_band(workshop, steps, lively):
     assert not motor.parameters["g"].identifiable
     assert np.isinf(motor.parameters["g"].std)
     assert motor.parameters["g"].value == PAPER.motor.g
-    assert any("cannot be told" in note for note in motor.notes)
+    assert any("cannot be separated" in note for note in motor.notes)
 
 
 @pytest.mark.slow

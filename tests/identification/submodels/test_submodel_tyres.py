@@ -10,8 +10,8 @@ import pytest
 from dart_hal.recording.dart import savgol_derivative
 from dart_hal.vehicle import PAPER, make_tyres
 from dart_lab.identification.submodels import fit_submodels
-from dart_lab.identification.submodels.speeds import MOCAP
-from dart_lab.identification.submodels.tyre_forces import smoothing
+from dart_lab.identification.submodels.speeds import MOCAP_KERNEL
+from dart_lab.identification.submodels.tyre_forces import smoothing_weights
 
 LATE = 0.05
 
@@ -80,7 +80,7 @@ def test_gentle_turning_shows_a_stiffness_but_no_peak(workshop, car, logged):
     fit = fit_submodels(recordings, ("tyres",), base=logged)[0]["tyres"]
     assert not fit.parameters["front_C"].identifiable
     assert fit.parameters["front_C"].std == np.inf
-    assert any("cannot be told apart" in note for note in fit.notes)
+    assert any("cannot be separated" in note for note in fit.notes)
     stiffness = np.prod([fit.parameters[f"front_{k}"].value for k in "DCB"])
     assert stiffness == pytest.approx(4.0 * 1.3 * 9.0, rel=0.15)
 
@@ -100,7 +100,7 @@ def test_the_smoothing_is_what_the_derivative_sees():
     """d/dt of a curve by the grid's kernel = its exact rate filtered by ``smoothing``."""
     t = 0.01 * np.arange(400)
     curve, rate = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t)
-    weights = smoothing(MOCAP)
+    weights = smoothing_weights(MOCAP_KERNEL)
     assert weights.sum() == pytest.approx(1.0)
     smoothed = np.convolve(rate, weights, mode="same")
     exact = savgol_derivative(curve, 15)
@@ -118,7 +118,7 @@ def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
     both = fit_submodels([*first, *later], ("tyres",), base=logged)[0]["tyres"]
     name = "rear_cornering_stiffness"
     assert both.parameters[name].std > 3.0 * alone.parameters[name].std
-    assert any("2 sessions fitted apart" in note for note in both.notes)
+    assert any("2 sessions fitted separately" in note for note in both.notes)
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from dart_hal.vehicle.effects import (
     find_effect,
     parse_effects,
 )
-from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.actuators import actuator_outputs
 from tests.vehicle.effects.effect_drive import (
     EFFECT_NAMES,
     PER_TURN,
@@ -210,7 +210,7 @@ def test_marks_off_centre_ripple_with_the_turn():
     got = transform_signal(p, "wheel", np.full(len(turns), 0.17), Now(turns=turns), 0.1)
     assert np.abs(got - want).max() < 1.01 * PER_TURN / 400.0 / 0.1
     turned = transform_signal(apply(PAPER, "encoder_ring", uneven=0.2, phase=0.5), "wheel",
-                     np.full(len(turns), 0.17), Now(turns=turns), 0.1)
+                              np.full(len(turns), 0.17), Now(turns=turns), 0.1)
     assert turned - 0.17 == pytest.approx(0.17 - got, abs=1e-9), "half a turn: the other way"
 
 
@@ -247,7 +247,7 @@ def test_an_imu_measures_the_motion_of_its_own_place(name, x, y):
     omega = 0.8 + 1.2 * np.cos(2.0 * t)
     still = np.zeros(len(t))
     got = transform_signal(apply(PAPER, name, k=x + y), "accel", (still, still),
-                  Now(omega=omega, omega_dot=-2.4 * np.sin(2.0 * t)), SAMPLE_TIME)
+                           Now(omega=omega, omega_dot=-2.4 * np.sin(2.0 * t)), SAMPLE_TIME)
     assert np.abs(np.array(got) - body)[:, 5:-5].max() < 1e-5
 
 
@@ -264,8 +264,8 @@ def shape_commands(throttle, steering, p):
     """Commands of a recording as the actuators of the vehicle have them."""
     n = len(throttle)
     unknown = np.full(n, np.nan)
-    return actuated(p, Grid(np.arange(n) * SAMPLE_TIME, *[unknown] * 6, throttle, steering, unknown,
-                            np.zeros(n, dtype=bool), SEP_24), smooth=True)
+    return actuator_outputs(p, Grid(np.arange(n) * SAMPLE_TIME, *[unknown] * 6, throttle, steering,
+                                    unknown, np.zeros(n, dtype=bool), SEP_24), smooth=True)
 
 
 def test_rollouts_of_recordings_see_the_effects_on_commands():

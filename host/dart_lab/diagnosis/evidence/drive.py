@@ -29,7 +29,7 @@ from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.commands import message_time, zero_order_hold
 from dart_lab.identification.prediction.rollout import states
-from dart_lab.identification.prediction.sensors import posed
+from dart_lab.identification.prediction.sensors import marker_pose
 from dart_lab.identification.prediction.windows import find_windows
 
 from ..policy import USUAL, EvidencePolicy
@@ -95,7 +95,7 @@ class RecordedDrive:
         if not signals(p, "pose"):
             return g
         marker = _marker_pose(g, l_r)
-        with_effects = posed(p, g.t, states(g), marker)
+        with_effects = marker_pose(p, g.t, states(g), marker)
         x, y, yaw = (2.0 * a - b for a, b in zip(marker, with_effects, strict=True))
         return _differentiate_poses(g, x, y, yaw, l_r)
 
@@ -169,7 +169,7 @@ def remove_mocap_effects(g: Grid, p: Vehicle, l_r: float) -> Grid:
     The change of the motion, smoothed as in an evaluation, is added to the grid.
     """
     marker = _marker_pose(g, l_r)
-    with_effects = posed(p, g.t, states(g), marker)
+    with_effects = marker_pose(p, g.t, states(g), marker)
     freed = [2.0 * a - b for a, b in zip(marker, with_effects, strict=True)]
     original = _differentiate_poses(g, *marker, l_r, EVALUATION_POINTS)
     corrected = _differentiate_poses(g, freed[0], freed[1], freed[2], l_r, EVALUATION_POINTS)

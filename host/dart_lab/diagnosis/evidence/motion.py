@@ -11,7 +11,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, savgol_derivative
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.spans import span_index
-from dart_lab.identification.prediction.windows import MIN_SPEED
+from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED
 
 # An encoder reading is the mean of the last 0.1 s, so it belongs to the middle of that time.
 ENCODER_DELAY_S = 0.05
@@ -56,8 +56,8 @@ def driving_seconds(r: Recording) -> float:
     """Return the time [s] above the smallest speed of a window, by mocap or else by encoder."""
     if r.mocap is not None:
         g = marker_grid(r)
-        return float(((np.hypot(g.dx, g.dy) > MIN_SPEED) & ~g.bad).sum() * SAMPLE)
+        return float(((np.hypot(g.dx, g.dy) > MIN_WINDOW_SPEED) & ~g.bad).sum() * SAMPLE)
     m = r.messages
     step = np.minimum(np.diff(m.t, prepend=m.t[:1]), MAX_MESSAGE_GAP_S)
     judged = span_index(r.spans, m.arrival) >= 0
-    return float(step[judged & (m.speed > MIN_SPEED)].sum())
+    return float(step[judged & (m.speed > MIN_WINDOW_SPEED)].sum())

@@ -19,7 +19,7 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import RUN, Grid, Messages, Recording, Reference
 from dart_hal.recording.dart.spans import span_index
 from dart_lab.identification.prediction.commands import message_time, zero_order_hold
-from dart_lab.identification.prediction.windows import MIN_SPEED
+from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED
 
 from ..policy import USUAL, EvidencePolicy
 from .drive import RecordedDrive, stack_readings
@@ -162,7 +162,7 @@ def _find_windows(m: Messages, rows: IntArray, samples: FloatArray, g: Grid,
     near = np.where(expected - samples[after - 1] < samples[after] - expected, after - 1, after)
     whole = (np.abs(samples[near] - expected) < MAX_JITTER_S / SAMPLE).all(axis=1)
     sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
-    moving = np.interp(samples, np.arange(len(g)), g.v_x) > MIN_SPEED
+    moving = np.interp(samples, np.arange(len(g)), g.v_x) > MIN_WINDOW_SPEED
     forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > backwards
     judged = (span[near] == span[:, None]).all(axis=1) & (span >= 0)
     good = judged & whole & moving & forward & sensed & sensed[near].all(axis=1)

@@ -18,11 +18,15 @@ from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.tyres import make_tyres
-from dart_lab.identification.prediction.actuators import delay_command, reached, turned
+from dart_lab.identification.prediction.actuators import (
+    apply_command_effects,
+    delay_command,
+    road_wheel_angle,
+)
 from dart_lab.identification.prediction.commands import spread_over
 from dart_lab.identification.prediction.rollout import states
-from dart_lab.identification.prediction.sensors import driven, motion, sensed
-from dart_lab.identification.prediction.substeps import FINE, fine, fine_rollout
+from dart_lab.identification.prediction.sensors import add_drive_force, motion, read_sensors
+from dart_lab.identification.prediction.substeps import SUBSTEPS, average_substeps, rollout_substeps
 
 from .onboard_drive import ENCODER_MEAN_S, MAX_JITTER_S, MESSAGES_AHEAD, OnboardStretch
 from .space import MessageTiming
@@ -52,8 +56,9 @@ def throttle_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming) ->
 def steering_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming, servo: FloatArray
                     ) -> ActuatorOutput:
     """Return the road-wheel angle with all effects, in FINE steps per sample; servo (n,)."""
-    series = turned(q, servo, drive.grid.t, "mean")
-    return ActuatorOutput(series, fine(series, _samples(drive) - timing.message_age / SAMPLE))
+    series = road_wheel_angle(q, servo, drive.grid.t, "mean")
+    return ActuatorOutput(series,
+                          average_substeps(series, _samples(drive) - timing.message_age / SAMPLE))
 
 
 def actuator_means(drive: OnboardStretch, q: Vehicle, channel: str, timing: MessageTiming
@@ -62,7 +67,7 @@ def actuator_means(drive: OnboardStretch, q: Vehicle, channel: str, timing: Mess
     delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     command = spread_over(getattr(drive.grid, channel), timing.age_spread)
     lagged = first_order_lag(delay_command(command, delay, smooth=True), lag, "mean")
-    return reached(q, channel, lagged, drive.grid.t, "mean")
+    return apply_command_effects(q, channel, lagged, drive.grid.t, "mean")
 
 
 def _samples(drive: OnboardStretch) -> FloatArray:
@@ -88,7 +93,7 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
     first = np.stack([none, none,
                       *(_interpolate(f, samples[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
     n_lead = LEAD_SAMPLES + LAST_LEAD_SAMPLES
-    lead = _roll_out(p, first, tau[:n_lead], delta[:FINE * n_lead])
+    lead = _roll_out(p, first, tau[:n_lead], delta[:SUBSTEPS * n_lead])
     wheel, gyro, _, _ = _sense(p, t[:n_lead + 1], lead, tau[:n_lead + 1], distance)
     past = LEAD_SAMPLES + drive.past_offsets
     error = drive.past_readings - np.stack([np.abs(_trailing_mean(wheel, past, ENCODER_MEAN_S)),
@@ -96,7 +101,7 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
     lead = lead[:, :LEAD_SAMPLES + 1]
     lead[3] += error[0].mean(axis=0)
     lead[5] += error[1, -1]
-    rest = _roll_out(p, lead[:, -1], tau[LEAD_SAMPLES:-1], delta[FINE * LEAD_SAMPLES:-FINE])
+    rest = _roll_out(p, lead[:, -1], tau[LEAD_SAMPLES:-1], delta[SUBSTEPS * LEAD_SAMPLES:-SUBSTEPS])
     whole = np.concatenate([lead, rest[:, 1:]], axis=1)
     wheel, gyro, a_x, a_y = _sense(p, t, whole, tau, distance)
     ends = LEAD_SAMPLES + drive.message_offsets
@@ -106,7 +111,8 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
 
 def _roll_out(p: Vehicle, start: FloatArray, tau: FloatArray, delta: FloatArray) -> FloatArray:
     """Return states (6, samples + 1, n) from a start (6, n); delta in FINE steps per sample."""
-    after = fine_rollout(p, start, np.repeat(tau, FINE, axis=0), delta, range(1, len(tau) + 1))
+    after = rollout_substeps(p, start, np.repeat(tau, SUBSTEPS, axis=0), delta,
+                             range(1, len(tau) + 1))
     return np.asarray(np.concatenate([start[None], after]).swapaxes(0, 1))
 
 
@@ -114,7 +120,7 @@ def _sense(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
            distance: FloatArray) -> tuple[FloatArray, ...]:
     """Return sensor signals (samples, n) of states; distance [m] before the first sample."""
     rates = np.gradient(states[3:], SAMPLE, axis=1)
-    return sensed(p, driven(p, motion(t, states, rates, distance), tau))
+    return read_sensors(p, add_drive_force(p, motion(t, states, rates, distance), tau))
 
 
 def _correct_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: FloatArray) -> Grid:
@@ -126,7 +132,7 @@ def _correct_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Flo
     if not (signals(p, "wheel") or signals(p, "gyro")):
         return g
     rates = [np.gradient(g.v_x, SAMPLE), 0.0, np.gradient(g.omega, SAMPLE)]
-    wheel, gyro, _, _ = sensed(p, driven(p, motion(g.t, states(g), rates), throttle))
+    wheel, gyro, _, _ = read_sensors(p, add_drive_force(p, motion(g.t, states(g), rates), throttle))
     omega = 2.0 * g.omega - gyro
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
     freed = replace(g, v_x=2.0 * g.v_x - wheel, omega=omega, yaw=yaw)

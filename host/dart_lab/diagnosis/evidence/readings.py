@@ -47,7 +47,7 @@ def measured_motion(g: Grid) -> MeasuredMotion:
 
 def add_wheel_force(p: Vehicle, m: MeasuredMotion, throttle: FloatArray) -> MeasuredMotion:
     """Add the force at the wheels; throttle (n,): output of its actuator."""
-    return replace(m, now=sensors.driven(p, m.now, throttle))
+    return replace(m, now=sensors.add_drive_force(p, m.now, throttle))
 
 
 def predict_readings(p: Vehicle, m: MeasuredMotion, drive: RecordedDrive, signal: str,

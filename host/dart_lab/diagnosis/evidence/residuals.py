@@ -35,15 +35,14 @@ from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.actuators import (
+    apply_command_effects,
     behind_actuator,
     delay_command,
-    reached,
-    turned,
+    road_wheel_angle,
 )
 from dart_lab.identification.prediction.commands import spread_over
-from dart_lab.identification.prediction.rollout import Parts
-from dart_lab.identification.prediction.rollout import measured as measured_states
-from dart_lab.identification.prediction.substeps import FINE, fine_rollout, quarters
+from dart_lab.identification.prediction.rollout import Parts, measured_states
+from dart_lab.identification.prediction.substeps import SUBSTEPS, quarters, rollout_substeps
 
 from .drive import DERIVATIVE_POINTS, HALF_POINTS, READ_OUTS, RecordedDrive
 from .readings import (
@@ -277,11 +276,12 @@ class Evidence:
         start, _ = self._cached_start_and_motion(p, q)
         throttle = self._cached_part(
             ("throttle", *throttle_key(p, q), age_spread), lambda: np.repeat(
-                self._actuator_outputs(q, age_spread, "throttle", _sample_series), FINE, axis=0))
+                self._actuator_outputs(q, age_spread, "throttle", _sample_series), SUBSTEPS,
+                axis=0))
         angle = self._cached_part(
             ("angle", *steering_key(p, q), age_spread),
             lambda: self._actuator_outputs(q, age_spread, "steering", _sample_quarters))
-        return fine_rollout(p, start, throttle, angle, STATE_SAMPLES)
+        return rollout_substeps(p, start, throttle, angle, STATE_SAMPLES)
 
     def _cached_start_and_motion(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
         """Return ``_start_and_motion`` from the cache."""
@@ -306,12 +306,12 @@ class Evidence:
             self._cached_part, (channel, delay, lag, age_spread),
             lambda: self._delay_and_lag(channel, delay, lag, age_spread))
         if channel == "throttle":
-            series = self._pass_actuator(partial(reached, q, channel), lagged())
+            series = self._pass_actuator(partial(apply_command_effects, q, channel), lagged())
         else:  # the servo takes longest to compute, and no trim, play or map changes it
             servo = self._cached_part(
                 ("servo", delay, lag, age_spread, _effects_on(q, SERVO)),
-                lambda: self._pass_actuator(partial(reached, q, channel), lagged()))
-            series = self._pass_actuator(partial(turned, q), servo)
+                lambda: self._pass_actuator(partial(apply_command_effects, q, channel), lagged()))
+            series = self._pass_actuator(partial(road_wheel_angle, q), servo)
         parts = [sample(one, drive.starts + np.arange(STATE_SAMPLES[-1])[:, None])
                  for drive, one in zip(self.drives, series, strict=True)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
@@ -457,7 +457,7 @@ def _sample_series(series: FloatArray, index: IntArray) -> FloatArray:
 def _sample_quarters(series: FloatArray, index: IntArray) -> FloatArray:
     """Return the series at quarters of samples, each computed once for all windows with it."""
     parts = quarters(series)[index]
-    return np.asarray(np.swapaxes(parts, 1, 2).reshape(len(index) * FINE, index.shape[1]))
+    return np.asarray(np.swapaxes(parts, 1, 2).reshape(len(index) * SUBSTEPS, index.shape[1]))
 
 
 def _velocities(states: FloatArray) -> FloatArray:

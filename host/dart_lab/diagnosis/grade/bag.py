@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_lab.identification.evaluation.compare import draws as drawn
+from dart_lab.identification.evaluation.compare import draw_blocks as drawn
 
 from ..policy import TAIL, GradePolicy
 from .secants import Secants, state_modulations

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_lab.identification.evaluation.compare import LEAST_BLOCKS
+from dart_lab.identification.evaluation.compare import MIN_BLOCKS
 
 from ..result import Cost
 from .sets import GroupSet
@@ -43,7 +43,7 @@ def loss_ratio(with_all: FloatArray, removed: FloatArray) -> Cost:
     quotient = float(removed.sum()) / total
     n = len(with_all)
     value = float(np.sqrt(quotient))
-    if n < LEAST_BLOCKS:
+    if n < MIN_BLOCKS:
         return value, np.nan, np.nan
     from scipy.special import stdtrit  # the import takes 0.2 s, and many diagnoses do not need it
 

@@ -25,7 +25,7 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import add_null_effects
 from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.evaluation.compare import draws
+from dart_lab.identification.evaluation.compare import draw_blocks
 
 from ..evidence.residuals import Evidence
 from ..evidence.space import Space
@@ -240,7 +240,7 @@ def _penalty(fits: GroupFits, s: GroupSet) -> float:
 def posterior_weights(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> FloatArray:
     """Return the posterior (sets,), the mean over draws of units."""
     losses = np.stack([fits.losses(s) for s in sets], axis=1)
-    counts = draws(np.arange(len(losses)), fits.policy.claims.draws, seed)
+    counts = draw_blocks(np.arange(len(losses)), fits.policy.claims.draws, seed)
     penalty = np.array([_penalty(fits, s) for s in sets])
     log = -counts @ losses / (2.0 * fits.phi) - 0.5 * penalty
     p = np.exp(log - log.max(axis=1, keepdims=True))

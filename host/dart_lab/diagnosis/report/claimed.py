@@ -31,7 +31,7 @@ from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.evidence.readings import measured_motion
 from dart_lab.diagnosis.parameters.groups import holding_throttle
 from dart_lab.diagnosis.result import Claim, Diagnosis
-from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.actuators import actuator_outputs
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html
 
@@ -101,7 +101,7 @@ def _measure_curve(kind: ParameterCurve, d: Diagnosis) -> Means | None:
     parts = [(kind.points(drive, d.extended), i) for i, drive in enumerate(d.evidence.drives)]
     x, y = (np.concatenate([p[k] for p, _ in parts]) for k in (0, 1))
     block = np.concatenate([1e5 * i + np.arange(len(p[0])) * SAMPLE // BLOCK_S
-                              for p, i in parts]).astype(np.int64)
+                            for p, i in parts]).astype(np.int64)
     good = np.isfinite(x) & np.isfinite(y)
     return means_along(x[good], y[good], block[good]) if good.sum() >= MIN_PICTURE_ROWS else None
 
@@ -115,7 +115,7 @@ def _axle(front: bool) -> tuple[Curve, Callable[[RecordedDrive, Vehicle], Points
     def points(drive: RecordedDrive, p: Vehicle) -> Points:
         b = apply_parameter_effects(p).body
         m = measured_motion(drive.grid).now
-        _, delta = actuated(p, drive.grid, smooth=True)
+        _, delta = actuator_outputs(p, drive.grid, smooth=True)
         slip = make_slip(b, ARRAY, p.slip)(m.v_x, m.v_y, m.omega, np.cos(delta), np.sin(delta))
         turning = b.yaw_inertia * np.asarray(m.omega_dot)
         # Lateral balance of forces and moments, solved for the force on this axle.
@@ -148,7 +148,7 @@ def _steering_curve(p: Vehicle, x: FloatArray) -> FloatArray:
 
 def _throttle_points(drive: RecordedDrive, p: Vehicle) -> Points:
     """Speed and throttle while driving straight at constant speed."""
-    throttle, delta = actuated(p, drive.grid, smooth=True)
+    throttle, delta = actuator_outputs(p, drive.grid, smooth=True)
     v = drive.grid.v_x
     recent = np.lib.stride_tricks.sliding_window_view(
         np.concatenate([np.full(STEADY_SAMPLES, math.inf), throttle]), STEADY_SAMPLES + 1)

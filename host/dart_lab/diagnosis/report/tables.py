@@ -9,7 +9,7 @@ from typing import Any
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.result import BestPredictor, Considered, Diagnosis, ParameterEstimate
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
-from dart_lab.identification.evaluation import UNITS
+from dart_lab.identification.evaluation import ERROR_UNITS
 from dart_lab.identification.evaluation.cases import short
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
@@ -54,7 +54,7 @@ def ranking(d: Diagnosis) -> Html:
 def errors(d: Diagnosis) -> Html:
     """Tabulate gains, then every stage and CTRV by horizon and channel: RMSE (median)."""
     steps = [(f"{i}. {s.label}", s.horizons) for i, s in enumerate(d.stages)]
-    head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
+    head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, ERROR_UNITS, strict=True)))
     out: list[Html] = []
     if isinstance(d.evidence, OnboardEvidence):
         out.append(page.small_print("Without motion capture: speed as the encoder reads it and yaw "
@@ -72,7 +72,7 @@ def errors(d: Diagnosis) -> Html:
                              f"{significant(n, 9)} windows of the test recordings"))
     if len(out) == known:
         out.append(el("p", "No prediction could be judged: the test recordings have no motion "
-                           "capture."))
+                      "capture."))
     return join(out)
 
 
@@ -100,7 +100,7 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
     held_out = [(short(name), f"{one.ratio:.2f}", *(
         f"{significant(before)} -> {significant(after)}" for before, after in zip(
             one.refitted, one.predictor, strict=True))) for name, one in b.left_out.items()]
-    channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
+    channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, ERROR_UNITS, strict=True)]
     sets = [names for names, _ in b.tried]
     tried = [(f"{ratio.value:.3f} [{ratio.low:.2f}, {ratio.high:.2f}]",
               (", ".join(names) or "none") + (BY_NOISE if names in sets[:i] else ""))

@@ -86,7 +86,7 @@ CHOICES: tuple[Choice, ...] = (
 
 
 def rehearse_choices(floor: Floor, model: ModelFile | None = None,
-              choices: tuple[Choice, ...] = CHOICES) -> Iterator[RehearsedDrive]:
+                     choices: tuple[Choice, ...] = CHOICES) -> Iterator[RehearsedDrive]:
     """Iterate over the choices that fit on the floor.
 
     model: of the car that drives; None = the paper's.
@@ -103,7 +103,7 @@ def rehearse_choices(floor: Floor, model: ModelFile | None = None,
                     if (c := commands_by_name[part.experiment]) is not None]
         if len(commands) == len(choice.parts):
             yield RehearsedDrive(choice, tuple(commands), shell_commands(choice, floor),
-                            sum(c.seconds for c in commands))
+                                 sum(c.seconds for c in commands))
 
 
 def shell_commands(choice: Choice, floor: Floor) -> tuple[str, ...]:
@@ -133,10 +133,10 @@ def _commands(name: str, files: CarFiles, floor: Floor) -> VirtualCommands | Non
     """Rehearse an experiment and return its commands; None if it does not fit."""
     # Imported here because it takes 0.3 s, and every diagnosis loads this module.
     from dart_lab.identification.experiment.make import make_plan
-    from dart_lab.identification.experiment.rehearsal import rehearse
+    from dart_lab.identification.experiment.rehearsal import rehearse_plan
 
     try:
-        _, drive = rehearse(make_plan(name, files, floor, None), files)
+        _, drive = rehearse_plan(make_plan(name, files, floor, None), files)
     except ExperimentFailed:
         return None
     t = np.array([f.t for f in drive.frames])
@@ -148,4 +148,4 @@ def _commands(name: str, files: CarFiles, floor: Floor) -> VirtualCommands | Non
         return np.concatenate([rest, np.array(values)[index], rest])
 
     return VirtualCommands(series([f.throttle for f in drive.frames]),
-                    series([f.steering for f in drive.frames]))
+                           series([f.steering for f in drive.frames]))

@@ -18,9 +18,14 @@ from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.actuators import actuator_outputs
 from dart_lab.identification.prediction.commands import zero_order_hold
-from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
+from dart_lab.identification.prediction.sensors import (
+    add_drive_force,
+    marker_pose,
+    motion,
+    read_sensors,
+)
 
 MESSAGE_SAMPLES = 10  # between messages
 # s from the effect of a command to the message that reports it: the middle of the range that a
@@ -56,11 +61,11 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
     steering = commands.steering[index]
     held = [zero_order_hold(sent - COMMAND_AGE, u, n) for u in (throttle, steering)]
     g = _grid(n, held[0], held[1], reference)
-    tau, angle = actuated(p, g, smooth=True)
+    tau, angle = actuator_outputs(p, g, smooth=True)
     start = np.array([[0.0], [0.0], [yaw], [0.0], [0.0], [0.0]])
     s = rollout(p, start, tau[:-1, None], angle[:-1, None], at=range(n))[:, :, 0].T
     rates = np.gradient(s[3:], SAMPLE, axis=1)
-    speed, rate, a_x, a_y = sensed(p, driven(p, motion(g.t, s, rates), tau))
+    speed, rate, a_x, a_y = read_sensors(p, add_drive_force(p, motion(g.t, s, rates), tau))
     mocap = _mocap(p, g, s, apply_parameter_effects(p).body.l_r)
     distance = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(speed[1:] + speed[:-1]))])
     counted = (distance[samples] - distance[samples - MESSAGE_SAMPLES]) / MESSAGE_SAMPLES
@@ -82,6 +87,6 @@ def _grid(n: int, throttle: FloatArray, steering: FloatArray, reference: Referen
 
 def _mocap(p: Vehicle, g: Grid, s: FloatArray, l_r: float) -> Mocap:
     marker = (*g.reference.marker(l_r, *s[:3]), s[2] - g.reference.theta)
-    x, y, yaw = posed(p, g.t, s, marker)
+    x, y, yaw = marker_pose(p, g.t, s, marker)
     return Mocap(freeze(g.t), EPOCH, freeze(x), freeze(y), freeze(yaw),
                  freeze_flags(np.zeros(len(g))))

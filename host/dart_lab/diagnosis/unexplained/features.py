@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
-from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.actuators import actuator_outputs
 
 from ..evidence.drive import READ_OUTS, RecordedDrive
 from ..evidence.readings import ENCODER_SAMPLES
@@ -69,7 +69,7 @@ def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
 
 
 def _collect_features(evidence: Evidence, p: Vehicle,
-              ends: Callable[[RecordedDrive], tuple[FloatArray, FloatArray]]) -> Features:
+                      ends: Callable[[RecordedDrive], tuple[FloatArray, FloatArray]]) -> Features:
     """Concatenate the features of all drives; ends: first and last samples of windows."""
     parts = [_drive_features(drive, p, *ends(drive)) for drive in evidence.drives]
     return {name: np.concatenate([part[name] for part in parts] or [np.empty(0)])
@@ -81,7 +81,7 @@ def _drive_features(drive: RecordedDrive, p: Vehicle, first: FloatArray,
     """Features between samples first and last (n,) of one recording."""
     g = drive.grid
     sample = np.arange(len(g))
-    throttle, angle = actuated(p, g, smooth=True)
+    throttle, angle = actuator_outputs(p, g, smooth=True)
 
     def sample_at(series: FloatArray, position: FloatArray) -> FloatArray:
         return np.asarray(np.interp(position, sample, series))

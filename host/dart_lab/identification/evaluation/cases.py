@@ -1,4 +1,4 @@
-"""Recordings made ready for open-loop prediction, and what became of every file."""
+"""Preparation of recordings for open-loop prediction, with a report on every file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.recording.dart.grid import L_R, UNKNOWN_FRAME
 from dart_hal.recording.dart.reference import NEEDED, OPTION
-from dart_lab.identification.prediction.windows import Windows, covered, find_windows
+from dart_lab.identification.prediction.windows import Windows, find_windows, is_covered
 
-LEFT_OUT = "window(s) left out"
-NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"
-FRAME = ("steering_reversed", "marker", "marker_differs")
-SAID = ("false_lock", "outliers", "mocap_gap", "encoder_dead")
+EXCLUDED = "window(s) left out"
+NO_MOCAP = "no motion capture"
+NO_POSES = "a run without poses from outside"
+FRAME_NOTES = ("steering_reversed", "marker", "marker_differs")
+DATA_NOTES = ("false_lock", "outliers", "mocap_gap", "encoder_dead")
 OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
               "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")
 
@@ -33,7 +34,7 @@ OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://
 class Case:
     """One recording with at least one window; file: its key in every table and JSON.
 
-    sha256 of the file's bytes, "" where there is no file.
+    sha256: of the file's bytes, "" if there is no file.
     """
 
     file: str
@@ -62,7 +63,7 @@ class FileUse:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """cases: what can be predicted; files: every file, also those without a window."""
+    """Recordings that can be predicted, and a report on every file."""
 
     cases: tuple[Case, ...]
     files: Mapping[str, FileUse] = field(default_factory=dict)
@@ -76,72 +77,72 @@ class Prepared:
 def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
             reference: Reference | None = None, named: Sequence[Path] = (),
             skipped: Sequence[tuple[str, str]] = ()) -> Prepared:
-    """Grid and windows of every recording that motion capture saw.
+    """Compute grid and windows of every recording with motion capture.
 
-    l_r [m]: rear axle to centre of mass of the model under test. reference:
-    marker frame of all recordings; None: known or fitted, see ``with_marker_frames``.
-    named: files that were asked for by themselves, which are refused when they cannot
-    be used; the others are listed. skipped: (file, reason) of files that could not be
-    read. Errors: RecordingError for a file of ``named``, and when no window is left.
+    l_r [m]: rear axle to centre of mass of the model under test. reference: marker frame of all
+    recordings; None: known or fitted, see ``with_marker_frames``. named: files that must be
+    usable; the others are listed. skipped: (file, reason) of files that could not be read. Raises
+    RecordingError for an unusable file of ``named``, and if no window remains.
     """
-    asked = {path.resolve() for path in named}
+    required = {path.resolve() for path in named}
     files = {_key(Path(file)): FileUse(why=(reason,)) for file, reason in skipped}
     cases = []
     for recording in with_marker_frames(recordings, reference):
         key = _key(recording.path)
         key = key if key not in files else str(recording.path)
         try:
-            case, use = _case(key, recording, reference, l_r)
+            case, use = _make_case(key, recording, reference, l_r)
         except RecordingError as err:
-            if recording.path.resolve() in asked:
+            if recording.path.resolve() in required:
                 raise
-            case, use = None, FileUse(why=(err.what.removeprefix(f"{recording.name}: "),))
+            case = None
+            use = FileUse(why=(err.what.removeprefix(f"{recording.name}: "),))
         files[key] = use
         if case is not None and len(case):
             cases.append(case)
-        elif case is not None and recording.path.resolve() in asked:
+        elif case is not None and recording.path.resolve() in required:
             raise RecordingError(
                 f"{recording.name}: no window of 2 s can be used", found="; ".join(use.why),
                 expected="2.2 s above 0.3 m/s with sound motion capture",
                 read=str(recording.path), remedy="leave this file out")
     if not cases:
-        raise _nothing(files)
+        raise _make_no_case_error(files)
     return Prepared(tuple(cases), files)
 
 
-def without(prepared: Prepared, files: Sequence[str]) -> Prepared:
-    """The same without the cases of ``files``: for left-out recordings and days."""
+def exclude_cases(prepared: Prepared, files: Sequence[str]) -> Prepared:
+    """Exclude the cases of ``files``: for cross-validation over recordings and days."""
     return replace(prepared, cases=tuple(c for c in prepared.cases if c.file not in files))
 
 
 def short(file: str, folder: int = 26) -> str:
-    """Folder (its first characters) and file for a label, without what all DART files share."""
+    """Return folder and file for a label, without the common parts of DART file names."""
     above, _, name = file.rpartition("/")
     name = name.removesuffix(".gz").removesuffix(".csv").replace("car_1_Datarecording_", "")
     above = above.rpartition("/")[2]
     return f"{above[:folder]}/{name[:28]}" if above else name[:40]
 
 
-def _case(key: str, recording: Recording, reference: Reference | None,
-          l_r: float) -> tuple[Case, FileUse]:
+def _make_case(key: str, recording: Recording, reference: Reference | None,
+               l_r: float) -> tuple[Case, FileUse]:
     if recording.mocap is None:
         own = recording.schema == RUN
         raise RecordingError(
-            f"{recording.name}: {OWN if own else NO_MOCAP}, so nothing to compare a prediction "
-            "with", found="a run" if own else f"schema {recording.schema}",
+            f"{recording.name}: {NO_POSES if own else NO_MOCAP}, so nothing to compare a "
+            "prediction with", found="a run" if own else f"schema {recording.schema}",
             expected="30 poses or more on /external_pose" if own
             else "vicon columns (schema B or C)", read=str(recording.path),
             remedy=OWN_REMEDY if own else "give a recording with vicon columns")
     g = grid(recording, reference, l_r)
     windows = find_windows(g)
-    used = int(covered(windows, len(g)).sum())
-    why = [*(str(note) for note in recording.notes if note.kind in FRAME),
-           *(f"{count} {LEFT_OUT}: {reason}" for count, reason in (
+    used = int(is_covered(windows, len(g)).sum())
+    why = [*(str(note) for note in recording.notes if note.kind in FRAME_NOTES),
+           *(f"{count} {EXCLUDED}: {reason}" for count, reason in (
         (windows.slow, "start at 0.3 m/s or slower"),
         (windows.bad, "hold samples that the mocap or the messages got wrong")) if count)]
     if not len(windows) and not why:
         why = [f"{len(g) / 100:.1f} s are too short for a window of 2 s"]
-    why += [str(note) for note in recording.notes if note.kind in SAID]
+    why += [str(note) for note in recording.notes if note.kind in DATA_NOTES]
     return (Case(key, g, windows, recording.sha256),
             FileUse(used, len(windows), len(g) - used, tuple(why)))
 
@@ -150,10 +151,10 @@ def _key(path: Path) -> str:
     return f"{folder_of(path)}/{path.name}"
 
 
-def _nothing(files: Mapping[str, FileUse]) -> RecordingError:
+def _make_no_case_error(files: Mapping[str, FileUse]) -> RecordingError:
     reasons = [why for use in files.values() for why in use.why[:1]]
     common = max(reasons, key=reasons.count) if reasons else "no file"
-    if reasons and all(OWN in why for why in reasons):
+    if reasons and all(NO_POSES in why for why in reasons):
         return RecordingError(
             "runs without poses from outside cannot be evaluated",
             found=f"{len(files)} run(s)", expected="recordings with motion capture",

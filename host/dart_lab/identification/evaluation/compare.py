@@ -1,9 +1,8 @@
-"""Is one model better than another? Paired errors, and a bootstrap over independent blocks.
+"""Comparison of two models by paired errors, with a bootstrap over independent blocks.
 
-Windows overlap eightfold and what disturbs a drive lasts, so the number of
-windows is no sample size: whole recordings are drawn where there are enough,
-else stretches of 10 s. Both models saw the same windows, so only their
-difference is in the interval.
+Windows overlap eightfold and disturbances last, so the number of windows is not a sample size. The
+bootstrap draws whole recordings if there are enough, else stretches of 10 s. Both models predict
+the same windows, so the interval is that of their difference.
 """
 
 from __future__ import annotations
@@ -17,22 +16,24 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.fitting.covariance import MIN_RECORDING_BLOCKS
-from dart_lab.identification.prediction.rollout import stretches
+from dart_lab.identification.prediction.rollout import label_stretches
 from dart_lab.identification.prediction.windows import HORIZONS
 
 from .cases import Case
 from .prediction import CHANNELS, parts
 
-STRETCH = 10.0
-"""s of a block where there are too few recordings for each to be one."""
-DRAWS, LEAST_BLOCKS = 2000, 4
+# [s] Block if there are too few recordings for each to be one.
+BLOCK_TIME = 10.0
+BOOTSTRAP_DRAWS = 2000
+# Blocks that an interval needs.
+MIN_BLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
     """1 - RMSE(other) / RMSE(first) of one channel; low, high: its 95 % interval.
 
-    NaN for an interval that less than four blocks would have to tell.
+    The interval is NaN with fewer than four blocks.
     """
 
     value: float
@@ -43,26 +44,26 @@ class Gain:
 
     @property
     def certain(self) -> bool:
-        """Whether the interval leaves 0 out."""
+        """Whether the interval excludes 0."""
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """{"value", "ci95", "blocks", "unit"}."""
+        """Return {"value", "ci95", "blocks", "unit"}."""
         return {"value": self.value, "ci95": [self.low, self.high], "blocks": self.blocks,
                 "unit": self.unit}
 
 
-def blocks(cases: Sequence[Case], stretch: float | None = None) -> tuple[IntArray, str]:
-    """(block (windows,), what a block is). stretch [s]; None picks recordings where possible."""
-    length = STRETCH if stretch is None else stretch
-    recording, block = stretches(parts(cases), length)
+def label_blocks(cases: Sequence[Case], stretch: float | None = None) -> tuple[IntArray, str]:
+    """Return (block (windows,), its kind). stretch [s]; None: recordings if there are enough."""
+    length = BLOCK_TIME if stretch is None else stretch
+    recording, block = label_stretches(parts(cases), length)
     if stretch is None and len(cases) >= MIN_RECORDING_BLOCKS:
         return recording, "recordings"
     return block, f"stretches of {length:g} s"
 
 
-def draws(block: IntArray, count: int = DRAWS, seed: int = 0) -> FloatArray:
-    """(count, blocks): how often each block is in a bootstrap sample."""
+def draw_blocks(block: IntArray, count: int = BOOTSTRAP_DRAWS, seed: int = 0) -> FloatArray:
+    """Draw bootstrap samples (count, blocks): how often each block is in a sample."""
     n = int(block.max()) + 1
     rng = np.random.default_rng(seed)
     return rng.multinomial(n, np.full(n, 1.0 / n), size=count).astype(np.float64)
@@ -70,14 +71,16 @@ def draws(block: IntArray, count: int = DRAWS, seed: int = 0) -> FloatArray:
 
 def gains(first: FloatArray, other: FloatArray, cases: Sequence[Case], *, horizon: float = 1.0,
           stretch: float | None = None, seed: int = 0) -> dict[str, Gain]:
-    """By channel, what ``other`` gains over ``first``: errors (horizons, 5, windows) of the same
-    windows. Raises UsageError when they are not. The same seed gives the same interval.
+    """Compute by channel the reduction of the RMSE from ``first`` to ``other``.
+
+    first, other (horizons, 5, windows): errors of the same windows, else UsageError. The same
+    seed gives the same interval.
     """
     if first.shape != other.shape:
         raise UsageError("errors of different windows cannot be paired",
                          found=f"{first.shape} and {other.shape}",
                          expected="two models on the same cases")
-    block, unit = blocks(cases, stretch)
+    block, unit = label_blocks(cases, stretch)
     k = HORIZONS.index(horizon)
     return {name: gain(first[k, i], other[k, i], block, unit, seed)
             for i, name in enumerate(CHANNELS)}
@@ -85,13 +88,13 @@ def gains(first: FloatArray, other: FloatArray, cases: Sequence[Case], *, horizo
 
 def gain(first: FloatArray, other: FloatArray, block: IntArray, unit: str = "blocks",
          seed: int = 0) -> Gain:
-    """The gain in RMSE from errors ``first`` to ``other``, (windows,) each."""
+    """Compute the relative reduction of the RMSE from ``first`` to ``other``, (windows,) each."""
     labels, index = np.unique(block, return_inverse=True)
     sums = [np.bincount(index, weights=np.square(e)) for e in (first, other)]
     value = 1.0 - float(np.sqrt(sums[1].sum() / max(sums[0].sum(), 1e-300)))
-    if len(labels) < LEAST_BLOCKS or not np.isfinite(sums).all():
+    if len(labels) < MIN_BLOCKS or not np.isfinite(sums).all():
         return Gain(value, np.nan, np.nan, len(labels), unit)
-    weight = draws(index, seed=seed)
+    weight = draw_blocks(index, seed=seed)
     ratio = np.sqrt((weight @ sums[1]) / np.maximum(weight @ sums[0], 1e-300))
     low, high = np.quantile(1.0 - ratio, (0.025, 0.975))
     return Gain(value, float(low), float(high), len(labels), unit)

@@ -1,6 +1,6 @@
 """Open-loop prediction of all windows of an evaluation, and its errors.
 
-Arrays of states are (horizons, 6, windows) as in ``predict.rollout``.
+Arrays of states are (horizons, 6, windows) as in ``prediction.rollout``.
 """
 
 from __future__ import annotations
@@ -20,49 +20,52 @@ from dart_lab.identification.prediction.windows import HORIZONS
 from .cases import Case
 
 CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
-UNITS = ("m/s", "m/s", "rad/s", "m", "deg")
-AT = tuple(round(h / SAMPLE) for h in HORIZONS)
+ERROR_UNITS = ("m/s", "m/s", "rad/s", "m", "deg")
+HORIZON_OFFSETS = tuple(round(h / SAMPLE) for h in HORIZONS)
 
 
 def parts(cases: Sequence[Case]) -> Parts:
-    """Recordings and their windows as ``predict.rollout`` takes them."""
+    """Return recordings and windows in the form of ``prediction.rollout``."""
     return [(c.grid, c.windows.start) for c in cases]
 
 
-def measured(cases: Sequence[Case], at: Sequence[int] = AT) -> FloatArray:
-    """Measured states so many samples after each start."""
-    return rollout.measured(parts(cases), at)
+def measured(cases: Sequence[Case], offsets: Sequence[int] = HORIZON_OFFSETS) -> FloatArray:
+    """Return the measured states, ``offsets`` samples after each start."""
+    return rollout.measured_states(parts(cases), offsets)
 
 
 def predict(p: Vehicle, cases: Sequence[Case], progress: Progress | None = None) -> FloatArray:
-    """What the model says at the horizons. progress(share) is called as it goes."""
-    return rollout.predict(p, parts(cases), AT, progress=progress)
+    """Predict the states at the horizons. progress(share) reports each batch."""
+    return rollout.predict(p, parts(cases), HORIZON_OFFSETS, progress=progress)
 
 
 def kinematic(p: Vehicle) -> Vehicle:
-    """The same car without tyre slip."""
+    """Return the car without tyre slip."""
     return replace(p, kind="kinematic")
 
 
 def dynamic(p: Vehicle) -> Vehicle:
-    """The same car on its tyres."""
+    """Return the car with tyre slip."""
     return replace(p, kind="dynamic")
 
 
-def hold(cases: Sequence[Case]) -> FloatArray:
-    """The baseline: ``constant_velocity`` from the measured start of each window."""
+def predict_ctrv(cases: Sequence[Case]) -> FloatArray:
+    """Predict the baseline: ``constant_velocity`` from the measured start of each window."""
     start = measured(cases, (0,))[0]
     return np.stack([constant_velocity(start, t) for t in HORIZONS])
 
 
 def constant_velocity(start: FloatArray, t: float | FloatArray) -> FloatArray:
-    """States (6, n) after t [s], a number or (n,): v_x, v_y and yaw rate stay as they are at
-    start (6, n) or (6, 1) (CTRV), a circle in closed form."""
+    """Predict the states (6, n) after t [s], a number or (n,), at constant velocity (CTRV).
+
+    start (6, n) or (6, 1). v_x, v_y and yaw rate are constant, so the path is a circle: the
+    displacement is the integral of the rotated velocity, in closed form.
+    """
     x, y, yaw, vx, vy, om = start
     turn = om * t
     small = np.abs(turn) < 1e-6
     safe = np.where(small, 1.0, turn)
-    along = np.where(small, 1.0, np.sin(safe) / safe)  # mean of the cosine over the turn
+    along = np.where(small, 1.0, np.sin(safe) / safe)  # mean cosine of the turn
     across = np.where(small, 0.5 * turn, (1.0 - np.cos(safe)) / safe)
     dx, dy = t * (vx * along - vy * across), t * (vx * across + vy * along)
     c, s = np.cos(yaw), np.sin(yaw)
@@ -71,10 +74,9 @@ def constant_velocity(start: FloatArray, t: float | FloatArray) -> FloatArray:
 
 
 def errors(predicted: FloatArray, truth: FloatArray) -> FloatArray:
-    """(horizons, 5, windows) in the order of CHANNELS: prediction less measurement.
+    """Compute errors (horizons, 5, windows) in the order of CHANNELS: prediction - measurement.
 
-    Position is the distance; yaw in degrees, unwrapped. A prediction that left
-    the numbers is infinitely wrong.
+    Position is the distance; yaw in degrees, unwrapped. A diverged prediction has infinite errors.
     """
     d = predicted - truth
     out = np.stack([d[:, 3], d[:, 4], d[:, 5], np.hypot(d[:, 0], d[:, 1]), np.degrees(d[:, 2])],

@@ -1,4 +1,4 @@
-"""The whole evaluation of one model on some recordings."""
+"""Evaluation of one model on some recordings."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from dart_lab.identification.prediction.windows import HORIZONS
 
 from .cases import Prepared, prepare
 from .compare import Gain, gains
-from .prediction import errors, hold, measured, predict
+from .prediction import errors, measured, predict, predict_ctrv
 from .scores import Score, score
 from .validity import KinematicLimit, kinematic_limit
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """One model against constant velocity (CTRV), on the same windows.
+    """Errors of one model and of constant velocity (CTRV), on the same windows.
 
-    fitted_to: keys of the recordings that the model was fitted to, so that
-    its errors on them do not tell what it does on others.
+    fitted_to: keys of the recordings that the model was fitted to. Its errors on these are no
+    estimate of its errors on others.
     """
 
     vehicle: Vehicle
@@ -37,7 +37,7 @@ class Evaluation:
     fitted_to: tuple[str, ...] = ()
 
     def gain_over_ctrv(self, horizon: float = 1.0) -> dict[str, Gain]:
-        """By channel, what the model gains over constant velocity (CTRV), with its interval."""
+        """Compute by channel the RMSE reduction over constant velocity, with its interval."""
         return gains(self.ctrv.errors, self.model.errors, self.prepared.cases, horizon=horizon)
 
     def to_json(self) -> dict[str, Any]:
@@ -61,19 +61,21 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
              progress: Progress | None = None) -> Evaluation:
     """Score a model on recordings. limit: also find where its kinematic form ends.
 
-    fitted_to: SHA-256 of the files that the model was fitted to. Other
-    options and errors as for ``prepare``; progress(share) is called as it goes.
+    fitted_to: SHA-256 of the files that the model was fitted to. Other options and errors as for
+    ``prepare``; progress(share) reports each batch.
     """
-    p = apply_parameter_effects(p)  # an effect may move the centre of mass
+    # An effect may move the centre of mass, at which the grids are computed.
+    p = apply_parameter_effects(p)
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
                        skipped=skipped)
     cases = prepared.cases
     truth = measured(cases)
 
-    def judged(states: FloatArray) -> Score:
+    def score_states(states: FloatArray) -> Score:
         return score(errors(states, truth), cases)
 
     share = (lambda done: progress(0.6 * done)) if progress else None
-    out = Evaluation(p, prepared, judged(predict(p, cases, share)), judged(hold(cases)), None,
+    out = Evaluation(p, prepared, score_states(predict(p, cases, share)),
+                     score_states(predict_ctrv(cases)), None,
                      tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to))
     return replace(out, limit=kinematic_limit(p, cases)) if limit else out

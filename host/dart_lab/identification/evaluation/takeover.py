@@ -1,9 +1,10 @@
-"""Where the dynamic model predicts better than the kinematic one, window by window.
+"""Conditions in which the dynamic model predicts better than the kinematic one.
 
-Both are given the measured speed, sample by sample, so that a wrong motor or
-friction curve does not decide: what is left is the turning. Windows in which
-the car spins are left out. Errors are paired and the interval of the gain
-comes from a bootstrap over recordings.
+1. Both models are rolled out at the measured speed, so that errors of motor and friction do not
+   count: only the turning is predicted.
+2. Windows in which the car spins are excluded; the others are binned by lateral acceleration and
+   by speed.
+3. In each bin the errors are paired, with a bootstrap over recordings.
 """
 
 from __future__ import annotations
@@ -17,24 +18,30 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.prediction.rollout import batches, inputs, joined, windowed
-from dart_lab.identification.prediction.windows import HORIZONS, LENGTH
+from dart_lab.identification.prediction.rollout import (
+    batches,
+    concatenate_series,
+    cut_windows,
+    inputs,
+)
+from dart_lab.identification.prediction.windows import HORIZONS, WINDOW_LENGTH
 
 from .cases import Case
-from .compare import LEAST_BLOCKS, Gain, blocks, gain
-from .noslip import SPUN, slip_of
-from .prediction import AT, CHANNELS, dynamic, errors, kinematic, measured, parts
+from .compare import MIN_BLOCKS, Gain, gain, label_blocks
+from .noslip import MIN_SPIN_SLIP, rear_slip_angle
+from .prediction import CHANNELS, HORIZON_OFFSETS, dynamic, errors, kinematic, measured, parts
 from .scores import rms
 
-EDGES = {"lateral_acceleration": np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0]),
-         "speed": np.array([0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1, 2.6, 3.5])}
-JUDGED = ("vy", "yaw_rate", "position")
-HORIZON, LEAST_WINDOWS = 1.0, 20
-COUNT = AT[HORIZONS.index(HORIZON)]
+BIN_EDGES = {"lateral_acceleration": np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0]),
+             "speed": np.array([0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1, 2.6, 3.5])}
+TAKEOVER_CHANNELS = ("vy", "yaw_rate", "position")
+TAKEOVER_HORIZON = 1.0
+MIN_BIN_WINDOWS = 20
+HORIZON_SAMPLES = HORIZON_OFFSETS[HORIZONS.index(TAKEOVER_HORIZON)]
 
 
 @dataclass(frozen=True, slots=True)
-class Bin:
+class TakeoverBin:
     """Windows with a mean of |v omega| [m/s2] or v_x [m/s] in [low, high), one channel."""
 
     low: float
@@ -57,23 +64,24 @@ class Takeover:
 
     channel: str
     by: str
-    bins: tuple[Bin, ...]
+    bins: tuple[TakeoverBin, ...]
 
     @property
     def holds_to(self) -> float:
-        """Upper edge of the bins up to which the dynamic model is not better for certain;
-        NaN: it is better (or there are too few data) from the first bin."""
+        """Upper edge of the bins in which the dynamic model is not significantly better.
+
+        NaN: it is better (or there are too few data) from the first bin on.
+        """
         edge = np.nan
         for b in self.bins:
-            if b.gain.low > 0.0 or b.gain.blocks < LEAST_BLOCKS:
+            if b.gain.low > 0.0 or b.gain.blocks < MIN_BLOCKS:
                 break
             edge = b.high
         return float(edge)
 
     @property
     def taken_from(self) -> float:
-        """Lower edge of the bins from which on it is better for certain, all the way up;
-        NaN: no such bin."""
+        """Lower edge of the bins from which on it is significantly better in all; NaN: none."""
         edge = np.nan
         for b in reversed(self.bins):
             if not b.gain.low > 0.0:
@@ -88,45 +96,46 @@ class Takeover:
 
 
 def find_takeover(p: Vehicle, cases: Sequence[Case], seed: int = 0) -> list[Takeover]:
-    """Kinematic against dynamic model with the parameters of ``p``, at 1 s."""
-    truth = measured(cases)[HORIZONS.index(HORIZON)][None]
-    pair = [errors(at_measured_speed(q, cases)[None], truth)[0] for q in (kinematic(p), dynamic(p))]
-    block, unit = blocks(cases)
+    """Compare the kinematic and the dynamic model with the parameters of ``p``, at 1 s."""
+    truth = measured(cases)[HORIZONS.index(TAKEOVER_HORIZON)][None]
+    pair = [errors(predict_at_measured_speed(q, cases)[None], truth)[0] for q
+            in (kinematic(p), dynamic(p))]
+    block, unit = label_blocks(cases)
     out = []
-    sound = ~spun(p.body.l_r, cases)
-    for by, x in condition(cases).items():
-        index = np.where(sound, np.digitize(x, EDGES[by]) - 1, -1)
-        for channel in JUDGED:
+    sound = ~is_spinning(p.body.l_r, cases)
+    for by, x in mean_conditions(cases).items():
+        index = np.where(sound, np.digitize(x, BIN_EDGES[by]) - 1, -1)
+        for channel in TAKEOVER_CHANNELS:
             k, d = (e[CHANNELS.index(channel)] for e in pair)
             out.append(Takeover(channel, by, tuple(
-                _bin(EDGES[by][i], EDGES[by][i + 1], k[index == i], d[index == i],
-                     block[index == i], unit, seed)
-                for i in range(len(EDGES[by]) - 1) if (index == i).sum() >= LEAST_WINDOWS)))
+                _make_bin(BIN_EDGES[by][i], BIN_EDGES[by][i + 1], k[index == i], d[index == i],
+                          block[index == i], unit, seed)
+                for i in range(len(BIN_EDGES[by]) - 1) if (index == i).sum() >= MIN_BIN_WINDOWS)))
     return out
 
 
-def condition(cases: Sequence[Case]) -> dict[str, FloatArray]:
-    """Means over the horizon, (windows,): |v omega| [m/s2] and v_x [m/s]."""
-    accel, at = joined(parts(cases), [np.abs(c.grid.v_x * c.grid.omega) for c in cases])
-    speed, _ = joined(parts(cases), [c.grid.v_x for c in cases])
-    return {"lateral_acceleration": windowed(accel, at, COUNT).mean(axis=0),
-            "speed": windowed(speed, at, COUNT).mean(axis=0)}
+def mean_conditions(cases: Sequence[Case]) -> dict[str, FloatArray]:
+    """Compute means over the horizon, (windows,): |v omega| [m/s2] and v_x [m/s]."""
+    accel, at = concatenate_series(parts(cases), [np.abs(c.grid.v_x * c.grid.omega) for c in cases])
+    speed, _ = concatenate_series(parts(cases), [c.grid.v_x for c in cases])
+    return {"lateral_acceleration": cut_windows(accel, at, HORIZON_SAMPLES).mean(axis=0),
+            "speed": cut_windows(speed, at, HORIZON_SAMPLES).mean(axis=0)}
 
 
-def spun(l_r: float, cases: Sequence[Case]) -> BoolArray:
-    """(windows,): whether the rear slips by more than 20 deg somewhere in the window."""
-    slip, at = joined(parts(cases), [slip_of(c.grid, l_r) for c in cases])
-    return np.asarray((np.abs(windowed(slip, at, LENGTH)) > SPUN).any(axis=0))
+def is_spinning(l_r: float, cases: Sequence[Case]) -> BoolArray:
+    """Return whether the rear slips by more than 20 deg anywhere in a window (windows,)."""
+    slip, at = concatenate_series(parts(cases), [rear_slip_angle(c.grid, l_r) for c in cases])
+    return np.asarray((np.abs(cut_windows(slip, at, WINDOW_LENGTH)) > MIN_SPIN_SLIP).any(axis=0))
 
 
-def at_measured_speed(p: Vehicle, cases: Sequence[Case]) -> FloatArray:
-    """States (6, windows) after 1 s, v_x set to the measured one at every sample of 10 ms."""
+def predict_at_measured_speed(p: Vehicle, cases: Sequence[Case]) -> FloatArray:
+    """Predict the states (6, windows) after 1 s, with the measured v_x at every sample."""
     throttle, angle, at = inputs(p, parts(cases))
-    speed, _ = joined(parts(cases), [c.grid.v_x for c in cases])
+    speed, _ = concatenate_series(parts(cases), [c.grid.v_x for c in cases])
     out = measured(cases, (0,))[0]
     for some in batches(len(at)):
         state = out[:, some]
-        for k in range(COUNT):
+        for k in range(HORIZON_SAMPLES):
             now = at[some] + k
             state[3] = speed[now]
             with np.errstate(over="ignore", invalid="ignore"):
@@ -135,7 +144,7 @@ def at_measured_speed(p: Vehicle, cases: Sequence[Case]) -> FloatArray:
     return np.asarray(out)
 
 
-def _bin(low: float, high: float, k: FloatArray, d: FloatArray, block: Any, unit: str,
-         seed: int) -> Bin:
-    return Bin(float(low), float(high), len(k), float(rms(k)), float(rms(d)),
-               gain(k, d, block, unit, seed))
+def _make_bin(low: float, high: float, k: FloatArray, d: FloatArray, block: Any, unit: str,
+              seed: int) -> TakeoverBin:
+    return TakeoverBin(float(low), float(high), len(k), float(rms(k)), float(rms(d)),
+                       gain(k, d, block, unit, seed))

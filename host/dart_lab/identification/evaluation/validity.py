@@ -1,4 +1,4 @@
-"""How far the kinematic model reaches, from the motion itself and from predictions."""
+"""Limit of the kinematic model, from the measured motion and from predictions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case
-from .compare import LEAST_BLOCKS
-from .limit import LEAST_RECORDINGS, Limit, find_limits
-from .noslip import SLOW
-from .takeover import HORIZON, Takeover, find_takeover
+from .compare import MIN_BLOCKS
+from .limit import MIN_RECORDINGS, ToleranceLimit, find_limits
+from .noslip import MAX_NO_SLIP_SPEED
+from .takeover import TAKEOVER_HORIZON, Takeover, find_takeover
 
 RADII = (0.5, 1.0, 2.0)
 TITLES = {"vy": "lateral velocity", "yaw_rate": "yaw rate", "position": "position"}
@@ -21,27 +21,30 @@ TITLES = {"vy": "lateral velocity", "yaw_rate": "yaw rate", "position": "positio
 
 @dataclass(frozen=True, slots=True)
 class KinematicLimit:
-    """slip, curvature: evidence without a model; takeover: one per channel and variable."""
+    """Limits of the kinematic model.
 
-    slip: Limit
-    curvature: Limit
+    slip, curvature: evidence without a model; takeover: one per channel and variable.
+    """
+
+    slip: ToleranceLimit
+    curvature: ToleranceLimit
     takeover: tuple[Takeover, ...]
     model: str
 
     def to_json(self) -> dict[str, Any]:
-        """The field ``kinematic_limit`` of ``dart-hal evaluate --json``."""
-        takeover: dict[str, Any] = {"model": self.model, "horizon": HORIZON,
+        """Return the field ``kinematic_limit`` of ``dart-hal evaluate --json``."""
+        takeover: dict[str, Any] = {"model": self.model, "horizon": TAKEOVER_HORIZON,
                                     "speed": "measured", "by": {}}
         for t in self.takeover:
             takeover["by"].setdefault(t.by, {})[t.channel] = t.to_json()
         return {"holds_to": {limit.by: {"value": limit.value, "ci95": [limit.low, limit.high],
-                                        "unit": unit, "supported": limit.supported}
+                                        "unit": unit, "supported": limit.is_supported}
                              for limit, unit in ((self.slip, "m/s2"), (self.curvature, "m/s"))},
                 "rear_slip": self.slip.to_json(), "curvature_loss": self.curvature.to_json(),
                 "takeover": takeover, "statement": self.sentences()}
 
     def sentences(self) -> list[str]:
-        """What is supported, and what is not."""
+        """Return one sentence for each kind of evidence."""
         return [self._slip(), self._curvature(), self._takeover()]
 
     def _slip(self) -> str:
@@ -65,10 +68,12 @@ class KinematicLimit:
             f"; single recordings scatter by {speed:.0%} in speed and {accel:.0%} in lateral "
             "acceleration")
         return (f"at a held steering command the path is {tolerance} less curved at "
-                f"{limit.value:.1f} m/s than below {SLOW} m/s {_interval(limit)}{matters}")
+                f"{limit.value:.1f} m/s than below {MAX_NO_SLIP_SPEED} m/s {_interval(limit)}"
+                f"{matters}")
 
     def _takeover(self) -> str:
-        found, none = [], []
+        found = []
+        none = []
         for t in self.takeover:
             unit = "m/s" if t.by == "speed" else "m/s2"
             if math.isfinite(t.taken_from):
@@ -86,13 +91,13 @@ class KinematicLimit:
                 f"in {', '.join(found)}{rest}")
 
     def _no_threshold(self) -> str:
-        """Why no edge is stated: nothing shows it, or the top of the range does not."""
+        """Explain why no threshold is stated."""
         better = [b for t in self.takeover for b in t.bins if b.gain.low > 0.0]
         total = sum(len(t.bins) for t in self.takeover)
         if not better:
             return f"its dynamic form is better in none of {total} bins with 95 % confidence"
         top = [t.bins[-1].gain for t in self.takeover if any(b.gain.low > 0.0 for b in t.bins)]
-        thin = sum(g.blocks < LEAST_BLOCKS for g in top)
+        thin = sum(g.blocks < MIN_BLOCKS for g in top)
         why = (f"too few {top[0].unit} for an interval" if thin == len(top) else
                "the interval holds 0 as well" if not thin else
                f"the interval holds 0 as well, or there are too few {top[0].unit} for one")
@@ -101,19 +106,19 @@ class KinematicLimit:
 
 
 def kinematic_limit(p: Vehicle, cases: Sequence[Case], seed: int = 0) -> KinematicLimit:
-    """Limits from the motion, and where the dynamic form of ``p`` takes over."""
+    """Find the limits from the motion, and where the dynamic form of ``p`` is better."""
     slip, curvature = find_limits(cases, p.body.l_r, seed)
     return KinematicLimit(slip, curvature, tuple(find_takeover(p, cases, seed)), p.name)
 
 
-def _interval(limit: Limit) -> str:
-    if not limit.supported:
-        return f"(no interval: {limit.recordings} recording(s), {LEAST_RECORDINGS} needed)"
+def _interval(limit: ToleranceLimit) -> str:
+    if not limit.is_supported:
+        return f"(no interval: {limit.recordings} recording(s), {MIN_RECORDINGS} needed)"
     high = f"{limit.high:.1f}" if math.isfinite(limit.high) else "no upper end"
     return f"(95 %: {limit.low:.1f} to {high}; {limit.recordings} recordings)"
 
 
-def _why_none(limit: Limit) -> str:
+def _why_none(limit: ToleranceLimit) -> str:
     if not limit.curves:
         return "no recording turns long enough over a range of speeds to"
     return f"{limit.recordings} recording(s) do not"

@@ -1,4 +1,4 @@
-"""Commands over time: what a segment of an experiment asks for, as plain data."""
+"""Commands over time for the segments of an experiment, as plain data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """From ``start`` to ``end`` in ``seconds``, then held."""
+    """Linear from ``start`` to ``end`` in ``seconds``, then constant."""
 
     start: float
     end: float
@@ -67,7 +67,7 @@ class Chirp:
 
 @dataclass(frozen=True, slots=True)
 class Levels:
-    """``levels`` one after the other, each held ``hold`` [s]; the last one stays."""
+    """``levels`` in order, each for ``hold`` [s]; the last one remains."""
 
     levels: tuple[float, ...]
     hold: float
@@ -77,11 +77,12 @@ class Levels:
 
 
 def random_steps(low: float, high: float, n: int, hold: float, seed: int = 1) -> Levels:
-    """n levels between ``low`` and ``high``, each on the other side of the middle.
+    """Draw n levels between ``low`` and ``high``, alternating around the middle.
 
-    Always the same ones: an experiment must be repeatable.
+    The seed is fixed, so that an experiment is repeatable.
     """
     rng = np.random.default_rng(seed)
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    middle = 0.5 * (low + high)
+    half = 0.5 * (high - low)
     size = rng.uniform(0.4, 1.0, n) * np.where(np.arange(n) % 2 == 0, 1.0, -1.0)
     return Levels(tuple(float(v) for v in middle + half * size), hold)

@@ -1,4 +1,4 @@
-"""How far a car rolls, and the error every drive ends with when something is wrong."""
+"""Distance in which a car rolls to a stop, and whether it stays inside the fence."""
 
 from __future__ import annotations
 
@@ -10,32 +10,34 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .floor import Fence
 
-SLIPPERY = 0.75
-"""Share of the assumed friction that the rolling distance is computed with."""
-BACK = 0.1
-"""s until the throttle is off: command, PWM frame, ESC."""
-STEP = 0.02
-"""m/s between two points of the table."""
+# The rolling distance is computed with this share of the model's friction.
+FRICTION_SHARE = 0.75
+# [s] Until the throttle is off: command, PWM frame, ESC.
+RELEASE_TIME = 0.1
+# [m/s] Between two points of the table.
+SPEED_STEP = 0.02
 
 
-class Rolling:
-    """``rolling(v)``: distance [m] in which a car that is let go comes to rest."""
+class RollingDistance:
+    """Distance [m] ``rolling(v)`` in which a car without throttle comes to rest from v [m/s]."""
 
     def __init__(self, vehicle: Vehicle, fastest: float = 6.0) -> None:
         friction = make_friction(vehicle.friction)
+        # dx = v dv / a(v), summed from standstill up.
         self._table = [0.0]
-        for i in range(int(fastest / STEP)):
-            v = (i + 0.5) * STEP
-            slowing = -SLIPPERY * friction(max(v, 0.15)) / vehicle.body.mass
-            self._table.append(self._table[-1] + v * STEP / slowing)
+        for i in range(int(fastest / SPEED_STEP)):
+            v = (i + 0.5) * SPEED_STEP
+            slowing = -FRICTION_SHARE * friction(max(v, 0.15)) / vehicle.body.mass
+            self._table.append(self._table[-1] + v * SPEED_STEP / slowing)
 
     def __call__(self, speed: float) -> float:
-        index = min(int(abs(speed) / STEP) + 1, len(self._table) - 1)
-        return self._table[index] + BACK * abs(speed)
+        index = min(int(abs(speed) / SPEED_STEP) + 1, len(self._table) - 1)
+        return self._table[index] + RELEASE_TIME * abs(speed)
 
 
 def stays_inside(fence: Fence, pose: Pose, curvature: float, distance: float) -> bool:
-    """Whether a car that rolls ``distance`` [m] on its arc [1/m] ends inside the fence."""
+    """Return whether a car that rolls ``distance`` [m] on its arc [1/m] stays in the fence."""
+    # The chord of an arc of length d is sin(k d / 2) / (k / 2), at half of its turn.
     for share in (0.0, 0.34, 0.67, 1.0):
         d = share * distance
         half = 0.5 * curvature * d

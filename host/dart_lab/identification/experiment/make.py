@@ -10,18 +10,18 @@ from dart_hal.core.errors import UsageError
 
 from .circles import plan_circles
 from .floor import Floor
-from .plans import NAMES, PROBES, Plan
+from .plans import EXPERIMENTS, PROBES, ExperimentPlan
 from .probes import plan_probe
-from .runner import Drive, Progress, run
+from .runner import ExperimentDrive, Progress, run_plan
 from .steering import plan_steering, run_steering
 from .straight import plan_straight
 
 
-def make_plan(name: str, files: CarFiles, floor: Floor, speed: float | None) -> Plan:
-    """The rehearsed plan of experiment ``name`` on ``floor``, speed [m/s] at most.
+def make_plan(name: str, files: CarFiles, floor: Floor, speed: float | None) -> ExperimentPlan:
+    """Plan and rehearse experiment ``name`` for ``floor``, speed [m/s] at most.
 
-    Errors: UsageError for another name, ExperimentFailed when the floor is too
-    small or the speed too high for it.
+    Raises UsageError for another name, ExperimentFailed if the floor is too small or the speed
+    too high for it.
     """
     if name in ("friction", "motor"):
         return plan_straight(name, files, floor, speed)
@@ -31,22 +31,21 @@ def make_plan(name: str, files: CarFiles, floor: Floor, speed: float | None) -> 
         return plan_circles(name, files, floor, speed)
     if name in PROBES:
         return plan_probe(name, files, floor, speed)
-    raise UsageError(f"no experiment {name!r}", expected=", ".join((*NAMES, *PROBES)))
+    raise UsageError(f"no experiment {name!r}", expected=", ".join((*EXPERIMENTS, *PROBES)))
 
 
-def conduct(car: Car, plan: Plan, progress: Progress = lambda share, text: None, *,
-            waive: Sequence[str] = ()) -> Drive:
-    """Arm the car and drive the plan; the car is left stopped, whatever happens.
+def conduct(car: Car, plan: ExperimentPlan, progress: Progress = lambda share, text: None, *,
+            waive: Sequence[str] = ()) -> ExperimentDrive:
+    """Arm the car and drive the plan; the car is stopped at the end and after any error.
 
-    The steering sweep needs pulses, so it is driven in raw mode, which waives
-    clock and calibration by itself. Errors: NotArmed, ExperimentFailed,
-    CalibrationFailed, LinkLost.
+    The steering sweep needs pulses, so it is driven in raw mode, which waives clock and
+    calibration. Raises NotArmed, ExperimentFailed, CalibrationFailed, LinkLost.
     """
     try:
         if plan.sweep is not None:
             with car.raw():
                 return run_steering(car, plan, progress)
         car.arm(waive=waive)
-        return run(car, plan, progress)
+        return run_plan(car, plan, progress)
     finally:
         car.stop()

@@ -1,4 +1,4 @@
-"""What an experiment drives: segments as plain data, and the floor and time they take."""
+"""Plan of an experiment: segments as plain data, and the floor and time that they need."""
 
 from __future__ import annotations
 
@@ -8,28 +8,26 @@ from dataclasses import dataclass, field
 from dart_hal.calibration.schedule import SteeringPlan as Sweep
 
 from .excitation import Signal
-from .floor import Fence, Floor, Place, fence_of
-from .track import Track
+from .floor import Fence, Floor, StartPlace, make_fence
+from .track import DriveTrack
 
-NAMES = ("friction", "motor", "steering", "delay", "tyres")
-"""Tests of a sub-model, fitted once they are driven."""
+# Tests of a sub-model, which is fitted after the drive.
+EXPERIMENTS = ("friction", "motor", "steering", "delay", "tyres")
+# Drives that separate causes which are confounded in other drives; ``diagnose`` reads them.
 PROBES = ("standstill", "crawl", "circles", "steps", "staircase", "weave", "rollouts", "launch",
           "laps")
-"""Drives that tell causes apart which look alike in others; ``diagnose`` reads them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One stretch with one kind of command; it ends by the first of its conditions.
+    """One part of a drive with one kind of command; it ends by the first of its conditions.
 
-    seconds: at most. throttle: signal -1..1 (``relative``: on top of the mean
-    that the speed loop held before), or None: ``speed`` [m/s] is held, 0 = roll
-    out. steering: signal of the command -1..1, or "path" and "lane" (the
-    track's). ``until``: "time"; "standstill"; "room" (``room`` m of lane are
-    ahead); "heading" (yaw is a whole turn). top_speed [m/s], top_lateral [m/s2]
-    end it, and so does, with ``rolls_out``, a lane that ends where the car would
-    come to rest. ``measured``: what the
-    experiment is about, not the way to it.
+    seconds: largest duration. throttle: signal -1..1 (relative: added to the mean of the speed
+    loop before), or None: ``speed`` [m/s] is controlled, 0 = roll out. steering: signal of the
+    command -1..1, or "path" or "lane" of the track. until: "time"; "standstill"; "room" (``room``
+    [m] of lane are ahead); "heading" (yaw is a whole turn). top_speed [m/s], top_lateral [m/s2]:
+    limits that end it. rolls_out: it also ends where the car would come to rest at the end of the
+    lane. measured: part of the test, not of a transfer.
     """
 
     name: str
@@ -47,19 +45,18 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """One experiment: name of the sub-model, segments in order, where and how fast.
+class ExperimentPlan:
+    """One experiment: name of the sub-model, segments in order, floor and top speed.
 
-    lane [m] and ``oval``: the track (0: none is needed). speed m/s at most;
-    seconds and path [m] are those of the paper's car; ``reached`` m/s its top
-    speed. sweep: the calibration's drive in place of segments. notes: what the
-    reader must know before and after.
+    lane [m], oval: the track (0: none). speed [m/s]: limit; seconds, path [m], reached [m/s]:
+    duration, distance and top speed of the rehearsal. sweep: the calibration's drive in place of
+    segments. notes: sentences for the user.
     """
 
     name: str
     segments: tuple[Segment, ...]
     floor: Floor
-    place: Place
+    place: StartPlace
     speed: float
     lane: float = 0.0
     oval: bool = False
@@ -69,16 +66,16 @@ class Plan:
     sweep: Sweep | None = None
     notes: tuple[str, ...] = field(default=())
 
-    def track(self) -> Track | None:
-        """A fresh track; it remembers how far the car is."""
-        return Track(self.lane, oval=self.oval) if self.lane else None
+    def track(self) -> DriveTrack | None:
+        """Make a new track, which has the progress of the car as its state."""
+        return DriveTrack(self.lane, oval=self.oval) if self.lane else None
 
     @property
     def fence(self) -> Fence:
-        """Where the car is stopped."""
-        return fence_of(self.floor, self.place)
+        """Limits of the car's position, beyond which it is stopped."""
+        return make_fence(self.floor, self.place)
 
     def __str__(self) -> str:
         return (f"drives about {self.path:.0f} m in about {self.seconds:.0f} s at up to "
-                f"{self.reached:.1f} m/s on a free floor of {self.floor}; the car stands with "
+                f"{self.reached:.1f} m/s on a free floor of {self.floor}; the car starts with "
                 f"{self.place}")

@@ -1,4 +1,4 @@
-"""One picture of a drive: where it went on the floor, and what was commanded.
+"""Picture of a drive: its path on the floor, and the commands.
 
 Needs matplotlib (the extra ``plot``).
 """
@@ -13,16 +13,21 @@ import numpy as np
 
 from dart_hal.core.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
 
-from .runner import Drive
+from .runner import ExperimentDrive
 
-PATH, WAY, FENCE, FLOOR = BLUE, "#bbbbbb", ORANGE, GREY
-STEERING, THROTTLE, SPEED = BLUE, ORANGE, INK
+PATH_COLOR = BLUE
+TRANSFER_COLOR = "#bbbbbb"
+FENCE_COLOR = ORANGE
+FLOOR_COLOR = GREY
+STEERING_COLOR = BLUE
+THROTTLE_COLOR = ORANGE
+SPEED_COLOR = INK
 
 
-def plot_drive(drive: Drive, path: str | Path) -> Path:
+def plot_drive(drive: ExperimentDrive, path: str | Path) -> Path:
     """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
 
-    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    Raises UsageError if matplotlib is missing or the suffix is unknown.
     """
     figure = new_figure((10.0, 5.0), path)
     grid = figure.add_gridspec(3, 2, width_ratios=[1.0, 1.25])
@@ -34,21 +39,24 @@ def plot_drive(drive: Drive, path: str | Path) -> Path:
     return save_figure(figure, path)
 
 
-def _draw_path(axes: Any, drive: Drive) -> None:
-    plan, fence = drive.plan, drive.plan.fence
-    left, low = -plan.place.behind, -plan.place.right
+def _draw_path(axes: Any, drive: ExperimentDrive) -> None:
+    plan = drive.plan
+    fence = drive.plan.fence
+    left = -plan.place.behind
+    low = -plan.place.right
     floor = plan.floor
-    _box(axes, left, left + floor.length, low, low + floor.width, FLOOR, "-", "floor")
-    _box(axes, fence.x_low, fence.x_high, fence.y_low, fence.y_high, FENCE, ":",
+    _box(axes, left, left + floor.length, low, low + floor.width, FLOOR_COLOR, "-", "floor")
+    _box(axes, fence.x_low, fence.x_high, fence.y_low, fence.y_high, FENCE_COLOR, ":",
          "rear axle stays inside")
-    seen: set[bool] = set()
+    labelled: set[bool] = set()
     for measured, part in groupby(drive.frames, key=lambda f: f.measured):
         frames = list(part)
         axes.plot([f.pose.x for f in frames], [f.pose.y for f in frames],
-                  color=PATH if measured else WAY, lw=1.3, zorder=3 if measured else 2,
-                  label=None if measured in seen else "test" if measured else "way to it")
-        seen.add(measured)
-    axes.plot(0.0, 0.0, ">", color=SPEED, ms=8, zorder=5, label="start")
+                  color=PATH_COLOR if measured else TRANSFER_COLOR, lw=1.3, zorder=3 if measured
+                  else 2, label=None if measured in labelled else "test" if measured
+                  else "transfer")
+        labelled.add(measured)
+    axes.plot(0.0, 0.0, ">", color=SPEED_COLOR, ms=8, zorder=5, label="start")
     axes.set_aspect("equal", adjustable="datalim")
     finish(axes, "x [m]", "y [m]", f"{plan.name}: {drive.frames[-1].t:.0f} s on {floor}"
            + (", ended early" if drive.stopped else ""), legend=False)
@@ -60,17 +68,17 @@ def _box(axes: Any, x0: float, x1: float, y0: float, y1: float, color: str, styl
               label=label)
 
 
-def _draw_commands(rows: list[Any], drive: Drive) -> None:
+def _draw_commands(rows: list[Any], drive: ExperimentDrive) -> None:
     frames = drive.frames
     t = np.array([f.t for f in frames])
     measured = np.array([f.measured for f in frames])
     for axes, values, color, label in (
-            (rows[0], [f.steering for f in frames], STEERING, "steering command"),
-            (rows[1], [f.throttle for f in frames], THROTTLE, "throttle"),
-            (rows[2], [f.speed for f in frames], SPEED, "speed [m/s]")):
+            (rows[0], [f.steering for f in frames], STEERING_COLOR, "steering command"),
+            (rows[1], [f.throttle for f in frames], THROTTLE_COLOR, "throttle"),
+            (rows[2], [f.speed for f in frames], SPEED_COLOR, "speed [m/s]")):
         axes.plot(t, values, color=color, lw=1.0)
         low, high = axes.get_ylim()
-        axes.fill_between(t, low, high, where=measured, color=PATH, alpha=0.08, lw=0)
+        axes.fill_between(t, low, high, where=measured, color=PATH_COLOR, alpha=0.08, lw=0)
         axes.set_ylim(low, high)
         finish(axes, "", label, legend=False)
     for axes in rows[:2]:

@@ -1,6 +1,6 @@
-"""The paper's car in a few lines: drives a plan beforehand, so that time and floor are known.
+"""Rehearsal of a plan with a simple model of the car, for its time and floor.
 
-It is no simulation to identify anything from: it only shows where a drive leads.
+The model has no imperfections: it shows the path of a drive, and is no data to identify from.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dart_hal.core.types import NEUTRAL_APPLIED, Applied, Health, Pose, State
 from dart_hal.vehicle.bicycle import make_acceleration
 from dart_hal.vehicle.load import vehicle_of
 
-from .plans import Plan
-from .runner import Drive, run, with_figures
+from .plans import ExperimentPlan
+from .runner import ExperimentDrive, insert_figures, run_plan
 
 SUB_STEPS = 5
-LONGEST = 600.0
-"""s: no experiment takes longer."""
-_WELL = Health(frozenset(), 0.005, 0.0, 0, 0, 5.0, 1e-4, "linear", (0, 3, 0, 0))
+# [s] No experiment takes longer.
+MAX_DRIVE_TIME = 600.0
+_HEALTHY = Health(frozenset(), 0.005, 0.0, 0, 0, 5.0, 1e-4, "linear", (0, 3, 0, 0))
 
 
 class PaperCar:
@@ -39,8 +39,8 @@ class PaperCar:
         self._t = self._rolled = 0.0
         self._x = self._y = self._yaw = self._vx = self._vy = self._om = 0.0
 
-    def states(self, *, duration: float = LONGEST, timeout: float = 0.5) -> Iterator[State]:
-        while self._t < min(duration, LONGEST):
+    def states(self, *, duration: float = MAX_DRIVE_TIME, timeout: float = 0.5) -> Iterator[State]:
+        while self._t < min(duration, MAX_DRIVE_TIME):
             for _ in range(SUB_STEPS):
                 self._step(0.01 / SUB_STEPS)
             yield self._state()
@@ -72,10 +72,10 @@ class PaperCar:
                     self._y - self._l_r * math.sin(self._yaw), self._yaw)
         ticks = int(self._rolled / self._per_edge)
         return State(self._t, round(self._t * 100), self._vx, 0.01, self._om, 0.0, 0.0, ticks,
-                     pose, self._applied, _WELL)
+                     pose, self._applied, _HEALTHY)
 
 
-def rehearse(plan: Plan, files: CarFiles) -> tuple[Plan, Drive]:
-    """(the plan with its time, path and top speed, the drive of the file's model)."""
-    drive = run(PaperCar(files), plan)
-    return with_figures(plan, drive), drive
+def rehearse_plan(plan: ExperimentPlan, files: CarFiles) -> tuple[ExperimentPlan, ExperimentDrive]:
+    """Drive the plan with the file's model; return (plan with time, path and top speed, drive)."""
+    drive = run_plan(PaperCar(files), plan)
+    return insert_figures(plan, drive), drive

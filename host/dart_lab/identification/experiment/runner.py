@@ -1,4 +1,4 @@
-"""Drives a plan on a Car, frame by frame: the telemetry is the clock."""
+"""Drives a plan on a Car, one command for each frame of the telemetry."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from dart_hal.devices.actuation.steering_map import steering_map
 from dart_hal.vehicle.load import vehicle_of
 
 from .excitation import Ramp
-from .limits import Rolling
-from .plans import Plan, Segment
-from .watch import Stopped, Watch, in_frame
+from .limits import RollingDistance
+from .plans import ExperimentPlan, Segment
+from .watch import DriveStopped, DriveWatch, in_frame
 
 SOURCE = "experiment"
+# Limit of the speed loop: slow driving needs 0.25; more means that the speed is not measured.
 MAX_THROTTLE = 0.4
-"""Of the speed loop: slow driving needs 0.25; more means that the speed is not seen."""
-RESTS = 0.2
-"""s without an edge: the car stands."""
-ALIGNED = 0.06
-"""rad beside a whole turn: about one step of 50 ms on the tightest circle."""
-MEAN_OVER = 1.0
-"""s over which a relative throttle remembers what the speed loop needed."""
+# [s] The car is at rest if there was no edge for that time.
+STANDSTILL_DELAY = 0.2
+# [rad] Error of a whole turn: about one step of 50 ms on the tightest circle.
+HEADING_TOLERANCE = 0.06
+# [s] Time constant of the mean throttle of the speed loop, for a relative throttle.
+THROTTLE_MEAN_TIME = 1.0
 
 Progress = Callable[[float, str], None]
 
 
 class ExperimentCar(Protocol):
-    """What a drive needs of a Car."""
+    """Interface of a Car that a drive needs."""
 
     files: CarFiles
 
@@ -49,8 +49,8 @@ class ExperimentCar(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """One frame of a drive: t s from its start, pose in the frame of the start, command."""
+class DriveFrame:
+    """One frame of a drive: t [s] from its start, pose in the frame of the start, command."""
 
     t: float
     pose: Pose
@@ -62,39 +62,43 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """What was driven. stopped: why it ended early, "" = it did not."""
+class ExperimentDrive:
+    """Frames of a drive; stopped: why it ended early, "" = it did not."""
 
-    plan: Plan
-    frames: tuple[Frame, ...]
+    plan: ExperimentPlan
+    frames: tuple[DriveFrame, ...]
     stopped: str = ""
 
 
-class Runner:
-    """One drive of one plan. ``car`` is armed; it is left rolling out: stop() it."""
+class ExperimentRunner:
+    """Drives one plan on an armed ``car``, and stops it at the end."""
 
-    def __init__(self, car: ExperimentCar, plan: Plan) -> None:
+    def __init__(self, car: ExperimentCar, plan: ExperimentPlan) -> None:
         files = car.files
         vehicle = vehicle_of(files.model)
-        self._car, self._plan, self._track = car, plan, plan.track()
+        self._car = car
+        self._plan = plan
+        self._track = plan.track()
         self._wheelbase = files.config.geometry.wheelbase
         table = files.calibration.steering.map if files.calibration else None
         self._map = steering_map(files.config, table)
-        self._rolling = Rolling(vehicle)
-        self._watch = Watch(plan.fence, plan.speed, self._rolling)
+        self._rolling = RollingDistance(vehicle)
+        self._watch = DriveWatch(plan.fence, plan.speed, self._rolling)
         self._law = SpeedLaw(vehicle, max_throttle=MAX_THROTTLE)
-        self._held = 0.0
+        self._mean_throttle = 0.0
         self._start: Pose | None = None
-        self._frames: list[Frame] = []
-        self._ticks, self._rested = 0, 0.0
+        self._frames: list[DriveFrame] = []
+        self._ticks = 0
+        self._rested = 0.0
         self._dt = 0.0
-        self._neutral, self._span = files.neutral_us, files.config.throttle.span_us
+        self._neutral = files.neutral_us
+        self._span = files.config.throttle.span_us
         self._count = counter_of(files)[1]
 
-    def drive(self, progress: Progress = lambda share, text: None) -> Drive:
-        """Every segment in order; fence and top speed end the drive, its data are kept.
+    def drive(self, progress: Progress = lambda share, text: None) -> ExperimentDrive:
+        """Drive every segment in order; fence and top speed end the drive, its data remain.
 
-        Errors: ExperimentFailed when car or sensors do not answer; what the Car raises.
+        Raises ExperimentFailed if car or sensors do not respond, and the errors of the Car.
         """
         stopped = ""
         segments = iter(self._plan.segments)
@@ -109,28 +113,31 @@ class Runner:
                 last = state.t
                 began = state.t if began is None else began
                 first = state.t if first is None else first
-                pose = self._seen(state)
-                while segment is not None and self._over(segment, state, pose, state.t - first):
-                    segment, first, done = next(segments, None), state.t, done + 1
+                pose = self._locate(state)
+                while segment is not None and self._is_over(segment, state, pose, state.t - first):
+                    segment = next(segments, None)
+                    first = state.t
+                    done = done + 1
                 if segment is None:
                     break
                 self._command(segment, state, pose, state.t - first, began)
                 if len(self._frames) % 20 == 0:
                     progress(done / len(self._plan.segments), segment.name)
-        except Stopped as reason:
+        except DriveStopped as reason:
             stopped = str(reason)
         finally:
             self._car.stop()
-        return Drive(self._plan, tuple(self._frames), stopped)
+        return ExperimentDrive(self._plan, tuple(self._frames), stopped)
 
     # -- one frame -----------------------------------------------------------
 
-    def _seen(self, state: State) -> Pose:
+    def _locate(self, state: State) -> Pose:
         if self._start is None:
-            self._start, self._ticks = state.pose, state.ticks
+            self._start = state.pose
+            self._ticks = state.ticks
         pose = in_frame(state.pose, self._start)
         if self._track is not None:
-            self._track.seen(pose)
+            self._track.update(pose)
         self._rested = 0.0 if state.ticks != self._ticks else self._rested + self._dt
         self._ticks = state.ticks
         return pose
@@ -139,34 +146,37 @@ class Runner:
                  began: float) -> None:
         throttle = self._throttle(segment, state, t)
         steering = self._steering(segment, state, pose, t)
-        # frames come before the watch looks, so that a picture shows where it ended
-        self._frames.append(Frame(state.t - began, pose, state.speed, throttle,
-                                  self._map.command_of(steering), segment.name, segment.measured))
+        # Append before the watch checks, so that a picture shows where the drive ended.
+        self._frames.append(DriveFrame(state.t - began, pose, state.speed, throttle,
+                                       self._map.command_of(steering), segment.name,
+                                       segment.measured))
         self._watch.look(state, pose, throttle, self._car.mode, self._car.causes,
                          self._lane(segment, pose))
         self._car.drive(steering=steering, throttle=throttle, source=SOURCE)
 
     def _throttle(self, segment: Segment, state: State, t: float) -> float:
         if segment.throttle is not None:
-            level = segment.throttle(t) + (self._held if segment.relative else 0.0)
-            return max(level, 0.0) if isinstance(segment.throttle, Ramp) else self._whole(level)
+            level = segment.throttle(t) + (self._mean_throttle if segment.relative else 0.0)
+            return max(level, 0.0) if isinstance(segment.throttle,
+                                                 Ramp) else self._round_to_count(level)
         if segment.speed == 0.0:
             self._law.reset()
-            self._held = 0.0
+            self._mean_throttle = 0.0
             return 0.0
-        wanted = self._law.throttle(segment.speed, state.speed, self._dt)
-        share = min(self._dt / MEAN_OVER, 1.0)
-        self._held += (wanted - self._held) * (share if self._held else 1.0)
-        return wanted
+        throttle = self._law.throttle(segment.speed, state.speed, self._dt)
+        share = min(self._dt / THROTTLE_MEAN_TIME, 1.0)
+        self._mean_throttle += (throttle - self._mean_throttle) * (share if self._mean_throttle
+                                                                   else 1.0)
+        return throttle
 
-    def _whole(self, throttle: float) -> float:
-        """The throttle nearest to it that is a whole count: no dithering between two."""
+    def _round_to_count(self, throttle: float) -> float:
+        """Round the throttle to a whole count of the PWM: no dithering between two."""
         throttle = max(throttle, 0.0)
         pulse = round((self._neutral + self._span * throttle) / self._count) * self._count
         return (pulse - self._neutral) / self._span if throttle else 0.0
 
     def _steering(self, segment: Segment, state: State, pose: Pose, t: float) -> float:
-        """Road-wheel angle [rad] by the map that the Car inverts again."""
+        """Compute the road-wheel angle [rad] by the map that the Car inverts."""
         if not isinstance(segment.steering, str):
             return self._map.angle_of(max(-1.0, min(1.0, segment.steering(t))))
         assert self._track is not None
@@ -181,34 +191,35 @@ class Runner:
 
     # -- the end of a segment --------------------------------------------------
 
-    def _over(self, segment: Segment, state: State, pose: Pose, t: float) -> bool:
+    def _is_over(self, segment: Segment, state: State, pose: Pose, t: float) -> bool:
         return (t >= segment.seconds or state.speed >= segment.top_speed
                 or abs(state.speed * (state.yaw_rate or 0.0)) >= segment.top_lateral
                 or (segment.rolls_out and self._lane_ends(state))
-                or self._reached(segment, pose))
+                or self._is_reached(segment, pose))
 
     def _lane_ends(self, state: State) -> bool:
         return (self._track is not None
                 and self._track.remaining < self._rolling(state.speed) + 0.1)
 
-    def _reached(self, segment: Segment, pose: Pose) -> bool:
+    def _is_reached(self, segment: Segment, pose: Pose) -> bool:
         if segment.until == "standstill":
-            return self._rested > RESTS
+            return self._rested > STANDSTILL_DELAY
         if segment.until == "room":
             return self._track is not None and self._track.remaining >= segment.room
         if segment.until == "heading":
             return (abs(pose.yaw) > math.pi
-                    and abs(math.remainder(pose.yaw, 2.0 * math.pi)) < ALIGNED)
+                    and abs(math.remainder(pose.yaw, 2.0 * math.pi)) < HEADING_TOLERANCE)
         return False
 
 
-def run(car: ExperimentCar, plan: Plan, progress: Progress = lambda share, text: None) -> Drive:
+def run_plan(car: ExperimentCar, plan: ExperimentPlan, progress: Progress = lambda share,
+             text: None) -> ExperimentDrive:
     """Drive ``plan`` on an armed car; see ``Runner.drive``."""
-    return Runner(car, plan).drive(progress)
+    return ExperimentRunner(car, plan).drive(progress)
 
 
-def with_figures(plan: Plan, drive: Drive) -> Plan:
-    """The plan with time, path and top speed of a drive, its rehearsal."""
+def insert_figures(plan: ExperimentPlan, drive: ExperimentDrive) -> ExperimentPlan:
+    """Insert time, path and top speed of a drive (the rehearsal) into the plan."""
     frames = drive.frames
     steps = [math.hypot(b.pose.x - a.pose.x, b.pose.y - a.pose.y)
              for a, b in pairwise(frames)]

@@ -1,4 +1,4 @@
-"""Where straight tests are driven: a lane, or two lanes joined by turns to an oval."""
+"""Track of the straight tests: a lane, or two lanes joined by turns to an oval."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from dart_hal.control.paths import Path
 from dart_hal.control.pursuit import arc
 from dart_hal.core.types import Pose
 
-from .floor import MARGIN, Floor, Place
+from .floor import FLOOR_MARGIN, Floor, StartPlace
 
-TURN = 0.75
-"""m, radius of the turns: cars of this class turn within 0.5 to 0.65 m."""
+# [m] Radius of the turns: cars of this class turn within 0.5 to 0.65 m.
+TURN_RADIUS = 0.75
 LOOK_AHEAD = 0.40
-LOOK_AHEAD_TIME = 0.35
-"""m, and s of travel: at 2 m/s the car aims 1.1 m ahead, five steering delays away."""
-DELAY = 0.1
-"""s from a command to the wheels, for cars whose delay nobody knows yet."""
+# [s] At 2 m/s the car aims 1.1 m ahead, which is five steering delays.
+TRACK_LOOK_AHEAD_TIME = 0.35
+# [s] From a command to the wheels, for cars whose delay is not identified yet.
+ASSUMED_DELAY = 0.1
 
 
-class Track:
-    """``oval``: lanes at y = 0 and 2 TURN, left half circles at both ends; else one lane.
+class DriveTrack:
+    """A lane, or an oval: lanes at y = 0 and 2 TURN_RADIUS, left half circles at both ends.
 
-    ``straight`` [m] is the length of a lane. The car starts at the beginning of
-    the lane, looking along it.
+    straight [m]: length of a lane. The car starts at the beginning of the lane, heading along it.
     """
 
     def __init__(self, straight: float, *, oval: bool) -> None:
-        self.straight, self.oval = straight, oval
-        turn = (math.pi * TURN, 1.0 / TURN)
+        self.straight = straight
+        self.oval = oval
+        turn = (math.pi * TURN_RADIUS, 1.0 / TURN_RADIUS)
         pieces = [(straight, 0.0), turn] * 2 if oval else [(straight, 0.0)]
         self.path = Path(pieces, closed=oval)
         self.s = 0.0
@@ -36,60 +36,61 @@ class Track:
 
     @property
     def half(self) -> float:
-        """From the start of a lane to the start of the next [m]."""
-        return self.straight + math.pi * TURN if self.oval else self.straight
+        """Distance [m] from the start of a lane to the start of the next."""
+        return self.straight + math.pi * TURN_RADIUS if self.oval else self.straight
 
-    def seen(self, pose: Pose) -> None:
-        """The car is here; call at every frame.
+    def update(self, pose: Pose) -> None:
+        """Update the progress from the car's pose; call at every frame.
 
-        Nobody drives backwards: a car set down a hair before the lane stands at its beginning, not
-        at the end of the turn that closes the oval.
+        A car that starts slightly before the lane is at its beginning, and not at the end of the
+        turn that closes the oval: s is never negative.
         """
         self.s = max(self.path.closest(pose.x, pose.y, self.s), 0.0)
 
     @property
     def remaining(self) -> float:
-        """Lane ahead [m]; 0 on a turn."""
+        """Remaining lane ahead [m]; 0 on a turn."""
         return max(self.straight - self.s % self.half, 0.0) if self.oval else max(
             self.straight - self.s, 0.0)
 
     def along_path(self, pose: Pose, speed: float, wheelbase: float) -> float:
-        """Road-wheel angle [rad] that follows lanes and turns (pure pursuit)."""
-        reach = LOOK_AHEAD + LOOK_AHEAD_TIME * 0.5 * speed
-        tx, ty = self.path.point(self.s + DELAY * speed + reach)
-        x = pose.x + DELAY * speed * math.cos(pose.yaw)
-        y = pose.y + DELAY * speed * math.sin(pose.yaw)
+        """Compute the road-wheel angle [rad] to follow lanes and turns (pure pursuit)."""
+        # The pose is predicted over the delay, and the target is ahead of the predicted pose.
+        reach = LOOK_AHEAD + TRACK_LOOK_AHEAD_TIME * 0.5 * speed
+        tx, ty = self.path.point(self.s + ASSUMED_DELAY * speed + reach)
+        x = pose.x + ASSUMED_DELAY * speed * math.cos(pose.yaw)
+        y = pose.y + ASSUMED_DELAY * speed * math.sin(pose.yaw)
         return math.atan(wheelbase * arc(x, y, pose.yaw, tx, ty))
 
     def along_lane(self, pose: Pose, speed: float, wheelbase: float) -> float:
-        """Road-wheel angle [rad] that keeps the lane as if it had no end."""
+        """Compute the road-wheel angle [rad] to follow the lane, extended beyond its end."""
         back = self.oval and math.cos(pose.yaw) < 0.0
-        left = (2.0 * TURN - pose.y) if back else pose.y
+        left = (2.0 * TURN_RADIUS - pose.y) if back else pose.y
         heading = math.remainder(pose.yaw - (math.pi if back else 0.0), 2.0 * math.pi)
-        reach = LOOK_AHEAD + LOOK_AHEAD_TIME * speed
+        reach = LOOK_AHEAD + TRACK_LOOK_AHEAD_TIME * speed
         bearing = math.atan2(-left, reach) - heading
         return math.atan2(2.0 * wheelbase * math.sin(bearing), math.hypot(reach, left))
 
     def nearest(self, pose: Pose, *, lane: bool) -> Pose:
-        """The point beside the car: of the lane as if it had no end, or of the path."""
+        """Return the closest pose of the lane (extended beyond its end), or of the path."""
         if lane:
             back = self.oval and math.cos(pose.yaw) < 0.0
-            return Pose(pose.x, 2.0 * TURN if back else 0.0, math.pi if back else 0.0)
+            return Pose(pose.x, 2.0 * TURN_RADIUS if back else 0.0, math.pi if back else 0.0)
         return Pose(*self.path.at(self.s)[:3])
 
 
-def straight_of(floor: Floor, *, oval: bool) -> float:
-    """Longest lane [m] on this floor; not positive if there is no room at all."""
+def longest_lane(floor: Floor, *, oval: bool) -> float:
+    """Return the longest lane [m] on this floor; not positive if none fits."""
     if oval and floor.width < oval_width():
         return 0.0
-    return floor.length - 2.0 * MARGIN - (2.0 * TURN if oval else 0.0)
+    return floor.length - 2.0 * FLOOR_MARGIN - (2.0 * TURN_RADIUS if oval else 0.0)
 
 
 def oval_width() -> float:
-    """Floor across [m] that two lanes and a turn need."""
-    return 2.0 * TURN + 2.0 * MARGIN
+    """Return the width of floor [m] that two lanes and a turn need."""
+    return 2.0 * TURN_RADIUS + 2.0 * FLOOR_MARGIN
 
 
-def start_of(*, oval: bool) -> Place:
-    """Where the car stands before the first lane."""
-    return Place(MARGIN + (TURN if oval else 0.0), MARGIN)
+def start_place(*, oval: bool) -> StartPlace:
+    """Return the start of the car before the first lane."""
+    return StartPlace(FLOOR_MARGIN + (TURN_RADIUS if oval else 0.0), FLOOR_MARGIN)

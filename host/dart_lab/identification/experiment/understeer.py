@@ -1,12 +1,14 @@
-"""What on-board sensors tell of the tyres: how the turn widens with lateral acceleration.
+"""Understeer gradient from on-board sensors, by throttle ramps at constant steering.
 
-Steady turning at a held command gives atan(l omega / v) = delta - (alpha_f -
-alpha_r), where delta is the angle of the wheels, the same all along a ramp.
-The slip difference is fitted as K a + K3 a^3 + K7 a^7 of the lateral
-acceleration a = v omega, equal to the left and to the right: a line, its bend,
-and a front tyre that comes to its end. Its mean slope at small accelerations is
-the understeer gradient, for linear tyres (m / l) (l_r / C_f - l_f / C_r): one
-equation for two stiffnesses; v_y, which would part them, is not measured.
+Steady turning at a held command:
+
+    atan(l omega / v) = delta - (alpha_f - alpha_r)
+    alpha_f - alpha_r = K a + K3 a^3 + K7 a^7,    a = v omega
+
+delta, the angle of the wheels, is constant along a ramp; the slip difference is the same to both
+sides: a line, its bend, and the limit of the front tyre. Its mean slope at small a is the
+understeer gradient, for linear tyres (m / l) (l_r / C_f - l_f / C_r). That is one equation for two
+stiffnesses; v_y, which would separate them, is not measured.
 """
 
 from __future__ import annotations
@@ -21,32 +23,33 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.fitting.covariance import block_covariance
 from dart_hal.vehicle.fitting.least_squares import least_squares
-from dart_lab.identification.fit import Estimate
+from dart_lab.identification.fit import FittedParameter
 
 from .circles import TYRE_STEERING
 
-NEAR = 0.02
-"""Of the command: the held levels of the two ramps."""
-SLOW = 0.35
-"""m/s; below, the ring turns too slowly for the speed of a moment."""
-BLOCK = 10
-"""samples of one error: a second."""
-MIN_SAMPLES = 60
-"""samples: 6 s of ramps."""
-FLOOR = 1e-3
-"""rad, one sigma that any value of the slip difference has: ring, gyro bias, form."""
-SLOPE_FLOOR = 4e-4
-"""rad/(m/s2), the same for the slope."""
+# [command] Largest distance of a sample from the steering levels of the two ramps.
+COMMAND_TOLERANCE = 0.02
+# [m/s] The encoder's ring turns too slowly for a speed below it.
+MIN_RING_SPEED = 0.35
+# Samples of one block of errors: 1 s.
+BLOCK_SAMPLES = 10
+# Least samples: 6 s of ramps.
+MIN_RAMP_SAMPLES = 60
+# [rad] Standard deviation of the slip difference from ring, gyro bias and form.
+SLIP_STD_FLOOR = 1e-3
+# [rad/(m/s2)] The same for its slope.
+SLOPE_STD_FLOOR = 4e-4
 POWERS = (1, 3, 7)
-GENTLE = (0.4, 1.2)
-"""m/s2 between which the slope is the understeer gradient: below no ramp begins."""
+# [m/s2] The understeer gradient is the mean slope between these; ramps begin above the lower.
+GRADIENT_RANGE = (0.4, 1.2)
 
 
 @dataclass(frozen=True, slots=True)
 class Understeer:
-    """terms K, K3, K7 [rad/(m/s2)^power] with their covariance (3, 3).
+    """Slip difference over lateral acceleration.
 
-    n samples up to ``lateral`` [m/s2], rmse [rad]; scale: wheelbase by mass [m/kg].
+    terms K, K3, K7 [rad/(m/s2)^power] with covariance (3, 3); n samples up to ``lateral`` [m/s2];
+    rmse [rad]; scale: wheelbase / mass [m/kg].
     """
 
     terms: tuple[float, ...]
@@ -57,23 +60,23 @@ class Understeer:
     scale: float
 
     @property
-    def gradient(self) -> Estimate:
-        """Mean slope between GENTLE accelerations, + = understeer."""
-        low, high = GENTLE
+    def gradient(self) -> FittedParameter:
+        """Mean slope over GRADIENT_RANGE, + = understeer."""
+        low, high = GRADIENT_RANGE
         g = np.array([high**power - low**power for power in POWERS]) / (high - low)
-        std = math.hypot(math.sqrt(float(g @ self.covariance @ g)), SLOPE_FLOOR)
-        return Estimate(float(g @ np.array(self.terms)), std, "rad s2/m")
+        std = math.hypot(math.sqrt(float(g @ self.covariance @ g)), SLOPE_STD_FLOOR)
+        return FittedParameter(float(g @ np.array(self.terms)), std, "rad s2/m")
 
     @property
     def combination(self) -> tuple[float, float]:
-        """(l_r/C_f - l_f/C_r, one sigma) [m rad/N] if the tyres were linear."""
+        """(l_r/C_f - l_f/C_r, standard error) [m rad/N] for linear tyres."""
         return self.gradient.value * self.scale, self.gradient.std * self.scale
 
     def slip(self, lateral: float) -> tuple[float, float]:
-        """(alpha_f - alpha_r, one sigma) [rad] at a lateral acceleration [m/s2]."""
+        """Return (alpha_f - alpha_r, standard error) [rad] at a lateral acceleration [m/s2]."""
         g = np.array([lateral**power for power in POWERS])
         value = float(g @ np.array(self.terms))
-        return value, math.hypot(math.sqrt(float(g @ self.covariance @ g)), FLOOR)
+        return value, math.hypot(math.sqrt(float(g @ self.covariance @ g)), SLIP_STD_FLOOR)
 
     def to_json(self) -> dict[str, object]:
         """As ``experiment tyres --json`` prints it."""
@@ -88,7 +91,8 @@ class Understeer:
                 "n": self.n, "max_lateral": self.lateral, "rmse_rad": self.rmse}
 
     def __str__(self) -> str:
-        k, std = self.gradient.value, self.gradient.std
+        k = self.gradient.value
+        std = self.gradient.std
         at, spread = self.slip(self.lateral)
         return (f"understeer gradient {1e3 * k:+.2f} +- {1e3 * std:.2f} mrad per m/s2 "
                 f"(+: understeer), so l_r/C_f - l_f/C_r = {1e6 * self.combination[0]:+.0f} +- "
@@ -97,13 +101,15 @@ class Understeer:
                 "rear")
 
 
-def understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer | None:
-    """Fit the ramps of ``experiment tyres``; None when too little was driven. mass [kg]."""
-    m, wheelbase = recording.messages, files.config.geometry.wheelbase
+def fit_understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer | None:
+    """Fit the ramps of ``experiment tyres``; None if there are too few samples. mass [kg]."""
+    m = recording.messages
+    wheelbase = files.config.geometry.wheelbase
     side = np.sign(m.steering)
-    held = (np.abs(np.abs(m.steering) - TYRE_STEERING) < NEAR) & (m.speed > SLOW)
+    held = (np.abs(np.abs(m.steering)
+                   - TYRE_STEERING) < COMMAND_TOLERANCE) & (m.speed > MIN_RING_SPEED)
     use = held & (m.throttle > 0.0) & (m.yaw_rate * side > 0.0)
-    if use.sum() < MIN_SAMPLES:
+    if use.sum() < MIN_RAMP_SAMPLES:
         return None
     lateral = (m.speed * m.yaw_rate * side)[use]
     angle = np.arctan2(wheelbase * m.yaw_rate * side, m.speed)[use]
@@ -117,7 +123,7 @@ def understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer
     start = [float(angle.max())] * 2 + [0.0] * len(POWERS)
     found = least_squares(residual, start, ([-1.0] * len(start), [1.0] * len(start)),
                           jacobian=lambda x: design, robust=0.01)
-    block = np.arange(len(angle)) // BLOCK + 1000 * left
+    block = np.arange(len(angle)) // BLOCK_SAMPLES + 1000 * left
     covariance = block_covariance(found, block)[2:, 2:]
     top = float(lateral.max())
     return Understeer(tuple(float(v) for v in found.x[2:]), covariance, len(angle), top,

@@ -12,21 +12,22 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.identification.fit import TIME_KNOWN, Estimate, Fit
+from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 
-from .folders import LEAST_ROWS, JoinedRows, too_few
-from .problems import fast
+from .folders import MIN_FOLDER_ROWS, JoinedRows, make_too_few_error
+from .problems import is_fast
 
-LAGS = 11
-"""Lags of 0 to 10 rows are compared."""
+# Number of lags: 0 to 10 rows.
+COMPARED_LAGS = 11
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """command, response (n,): delta(s) and atan(l W/v) [rad] of the rows above 0.8 m/s.
+    """Correlation of steering command and response over the lag.
 
-    value (LAGS,): correlation at each lag in rows, 1 at the best; mean and
-    median step [s] of these rows; peak: lag of a parabola through the peak.
+    command, response (n,): delta(s) and atan(l omega / v) [rad] of the rows above 0.8 m/s; value
+    (COMPARED_LAGS,): correlation at each lag in rows, 1 at the best; mean_step, median_step [s]
+    of these rows; peak: lag of a parabola through the peak [rows].
     """
 
     command: FloatArray
@@ -38,24 +39,27 @@ class Correlation:
 
     @property
     def lag(self) -> int:
-        """The best lag [rows]."""
+        """Best lag [rows]."""
         return int(np.argmax(self.value))
 
     @property
     def delay(self) -> float:
-        """What the paper calls the delay: best lag times the mean step [s]."""
+        """Delay of the paper [s]: best lag times the mean step."""
         return self.lag * self.mean_step
 
 
 def correlation(rows: JoinedRows) -> Correlation:
-    """Cross-correlate. Errors: RecordingError with less than LEAST_ROWS rows above 0.8 m/s."""
-    use = fast(rows)
+    """Cross-correlate command and response.
+
+    Raises RecordingError with fewer than MIN_FOLDER_ROWS rows above 0.8 m/s.
+    """
+    use = is_fast(rows)
     n = int(use.sum())
-    if n < LEAST_ROWS:
-        raise too_few("delay", "rows above 0.8 m/s", n)
+    if n < MIN_FOLDER_ROWS:
+        raise make_too_few_error("delay", "rows above 0.8 m/s", n)
     command = np.asarray(make_steering(PAPER.steering, ARRAY)(rows.steering[use]))
     response = np.arctan(PAPER.body.wheelbase * rows.yaw_rate[use] / rows.speed[use])
-    value = np.array([response[k:] @ command[:n - k] for k in range(LAGS)])
+    value = np.array([response[k:] @ command[:n - k] for k in range(COMPARED_LAGS)])
     value /= value.max()
     step = np.diff(rows.t[use])
     return Correlation(command, response, value, float(step.mean()), float(np.median(step)),
@@ -63,16 +67,16 @@ def correlation(rows: JoinedRows) -> Correlation:
 
 
 def _vertex(value: FloatArray) -> float:
-    """Lag at the top of the parabola through the best lag and its neighbours."""
+    """Return the lag at the vertex of the parabola through the best lag and its neighbours."""
     i = int(np.argmax(value))
     if not 0 < i < len(value) - 1:
         return float(i)
-    before, at, after = value[i - 1:i + 2].tolist()
-    return float(i + 0.5 * (before - after) / (before - 2.0 * at + after))
+    before, best, after = value[i - 1:i + 2].tolist()
+    return float(i + 0.5 * (before - after) / (before - 2.0 * best + after))
 
 
-def fit_delay(rows: JoinedRows) -> tuple[Fit, Correlation]:
-    """The paper's delay; its error: a sample is the resolution (uniform within it)."""
+def fit_delay(rows: JoinedRows) -> tuple[SubmodelFit, Correlation]:
+    """Fit the paper's delay; its error is that of a uniform distribution within a sample."""
     start = time.process_time()
     c = correlation(rows)
     std = c.mean_step / math.sqrt(12.0)
@@ -82,9 +86,9 @@ def fit_delay(rows: JoinedRows) -> tuple[Fit, Correlation]:
         f"so the mean step is no sample step: with the median {c.median_step:.4f} s the same lag "
         f"is {c.lag * c.median_step:.3f} s",
         f"parabola through the peak: {c.peak:.3f} rows = {c.peak * c.median_step:.3f} s",
-        "a slow sine cannot tell delay from lag: identify without --as-paper for both")
-    parameters = {"steering_s": Estimate(c.delay, std, "s", std < TIME_KNOWN)}
-    edge = ("steering_s",) if c.lag == LAGS - 1 else ()
-    return Fit("delay", parameters, np.array([[std**2]]), len(rest),
-               float(np.sqrt(np.mean(rest**2))), "rad", True, edge,
-               time.process_time() - start, notes), c
+        "a slow sine cannot separate delay and lag: identify without --as-paper for both")
+    parameters = {"steering_s": FittedParameter(c.delay, std, "s", std < MAX_TIME_STD)}
+    edge = ("steering_s",) if c.lag == COMPARED_LAGS - 1 else ()
+    return SubmodelFit("delay", parameters, np.array([[std**2]]), len(rest),
+                       float(np.sqrt(np.mean(rest**2))), "rad", True, edge,
+                       time.process_time() - start, notes), c

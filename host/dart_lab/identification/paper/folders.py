@@ -1,9 +1,8 @@
-"""Rows of the paper's folders, joined the way its scripts join them.
+"""Rows of the paper's folders, joined as its scripts join them.
 
-Files of a folder in name order, time running on with one mean step between
-them, throttle zero while the gate is closed. Differentiating across the joins
-invents accelerations (four per folder or so): kept here, because the published
-figures contain them; nothing else in this package does it.
+The files of a folder in name order, with one mean time step between them, throttle zero while the
+gate is closed. Differentiation across the joins causes false accelerations (about four per
+folder). The published values contain them; no other module joins files.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from dart_hal.recording.dart.schema import MOCAP_COLUMNS, SENSOR_COLUMNS, SENSOR
 from dart_hal.recording.dart.table import parse
 from dart_lab.identification.report import FileReport
 
+# Folder of each sub-model.
 FOLDERS = {"friction": "19_step_input_data", "motor": "29_step_input_data",
            "steering": "30_step_steering_data", "delay": "40_sinusoidal_steering_data",
            "tyres": "50_tire_model_data"}
-"""The folder of each sub-model."""
-LEAST_ROWS = 50
-STANDS = 0.05
-"""m/s; a car whose encoder never shows more did not drive."""
+MIN_FOLDER_ROWS = 50
+# [m/s] A car whose encoder never exceeds it did not drive.
+MIN_DRIVEN_SPEED = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class JoinedRows:
-    """n joined rows: t [s] running on, columns (n,) by their names in the files.
+    """n joined rows: t [s] continuous, columns (n,) by their names in the files.
 
     throttle: behind the gate. spans: (first, end) row of each file.
     """
@@ -62,28 +61,28 @@ class JoinedRows:
         return self.columns["steering"]
 
     def reports(self, used: BoolArray, why: str) -> dict[str, FileReport]:
-        """By file: how many of its rows the mask (n,) keeps, and why not the others."""
+        """Report the rows of each file in the mask ``used`` (n,), and ``why`` others are not."""
         out = {}
         for file, (first, end) in self.spans.items():
-            kept = int(used[first:end].sum())
-            left = end - first - kept
-            out[file] = FileReport(kept, left, (why,) if left else (), self.sha256.get(file, ""))
+            count = int(used[first:end].sum())
+            dropped = end - first - count
+            out[file] = FileReport(count, dropped, (why,) if dropped else (),
+                                   self.sha256.get(file, ""))
         return out
 
 
-def too_few(submodel: str, needs: str, found: int) -> RecordingError:
-    """The error for less than LEAST_ROWS rows that count; needs: which these are, in words."""
+def make_too_few_error(submodel: str, needs: str, found: int) -> RecordingError:
+    """Make the error for fewer than MIN_FOLDER_ROWS rows that count; needs: which, in words."""
     return RecordingError(f"too few rows for {submodel}: it needs {needs}",
-                          found=f"{found} such row(s)", expected=f"at least {LEAST_ROWS}",
+                          found=f"{found} such row(s)", expected=f"at least {MIN_FOLDER_ROWS}",
                           remedy="give recordings of the test that the paper made for it")
 
 
 def read_folder(root: str | Path, folder: str, schema: str = "A") -> JoinedRows:
-    """All files of ``root/folder`` joined; schema "A", or "B" with mocap.
+    """Read and join all files of ``root/folder``; schema "A", or "B" with mocap.
 
-    Errors: RecordingError for a folder that is missing, empty or of mixed
-    schemas, for a file whose time runs backwards, for too few rows, and for a
-    car that never moves.
+    Raises RecordingError for a folder that is missing, empty or of mixed schemas, for a file
+    whose time does not increase, for too few rows, and for a car that never moves.
     """
     place = Path(root) / folder
     files = sorted([*place.glob("*.csv"), *place.glob("*.csv.gz")])
@@ -94,15 +93,15 @@ def read_folder(root: str | Path, folder: str, schema: str = "A") -> JoinedRows:
                              remedy="--as-paper ROOT, the folder that holds these folders")
     needed = SENSOR_COLUMNS if schema == "A" else (*SENSOR_COLUMNS, *MOCAP_COLUMNS)
     tables = [_table(file, schema, needed) for file in files]
-    rows = _joined(files, tables)
-    if len(rows) < LEAST_ROWS:
+    rows = _join(files, tables)
+    if len(rows) < MIN_FOLDER_ROWS:
         raise RecordingError(f"{place}: too few rows for a fit", found=f"{len(rows)} rows",
-                             expected=f"at least {LEAST_ROWS}", read=str(place),
+                             expected=f"at least {MIN_FOLDER_ROWS}", read=str(place),
                              remedy="leave this folder out")
-    if not np.any(rows.speed > STANDS):
+    if not np.any(rows.speed > MIN_DRIVEN_SPEED):
         raise RecordingError(f"{place}: the car never moves, or its encoder is dead",
                              found=f"at most {rows.speed.max():.3f} m/s", read=str(place),
-                             expected=f"speeds above {STANDS} m/s",
+                             expected=f"speeds above {MIN_DRIVEN_SPEED} m/s",
                              remedy="leave this folder out, or without --as-paper use the mocap")
     return rows
 
@@ -134,10 +133,11 @@ def _table(file: Path, schema: str, needed: Sequence[str]) -> dict[str, FloatArr
     return used
 
 
-def _joined(files: Sequence[Path], tables: Sequence[Mapping[str, FloatArray]]) -> JoinedRows:
+def _join(files: Sequence[Path], tables: Sequence[Mapping[str, FloatArray]]) -> JoinedRows:
     clock = "vicon time" if "vicon time" in tables[0] else SENSOR_TIME
     parts: list[FloatArray] = []
-    spans, first = {}, 0
+    spans = {}
+    first = 0
     for file, table in zip(files, tables, strict=True):
         t = table[clock] - table[clock][0]
         if parts:

@@ -7,40 +7,43 @@ import numpy as np
 from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identification.filters import later, slope, smooth
+from dart_lab.identification.filters import delay_values, slope, smooth
 
 from .folders import JoinedRows
 from .problem import CurveProblem
 
+# a, b, c of the friction that the paper subtracted from its motor labels: not its published one.
 LABEL_FRICTION = (1.6837230920791626, 13.49715518951416, 0.3352389633655548)
-"""a, b, c of the friction that the paper took off its motor labels: not its published one."""
-HARDEST_BRAKING = -4.0  # N; below it the paper takes a coasting row for an artefact
-VARIANT_DELAY = 0.15  # s
-FAST = 0.8
-"""m/s; the paper takes rows above it, where tyres already slip a little."""
+# [N] The paper takes a coasting row below it for an artefact.
+HARDEST_BRAKING = -4.0
+# [s] Time since the throttle closed, in the variant.
+VARIANT_DELAY = 0.15
+# [m/s] The paper takes rows above it, where tyres already slip a little.
+MIN_FAST_SPEED = 0.8
 
 
 def motion(rows: JoinedRows) -> tuple[FloatArray, FloatArray]:
-    """Speed [m/s] smoothed over five rows, and force m dv/dt [N] by its spline, (n,) each."""
+    """Compute speed [m/s] smoothed over five rows, and force m dv/dt [N] by a spline, (n,)."""
     v = smooth(rows.speed, 5, 2)
     return v, PAPER.body.mass * slope(rows.t, v)
 
 
-def coasting(rows: JoinedRows, force: FloatArray, variant: bool = False) -> BoolArray:
-    """Rows (n,) that the friction fit uses.
+def is_coasting(rows: JoinedRows, force: FloatArray, variant: bool = False) -> BoolArray:
+    """Return whether the friction fit uses each row (n,).
 
-    The paper's: throttle 0, force above -4 N; files that begin at rest and
-    braking by the ESC are in. variant: throttle 0 since 0.15 s, force negative.
+    The paper's rule: throttle 0, force above -4 N, which includes rest and braking by the ESC.
+    variant: throttle 0 since 0.15 s, force negative.
     """
     if variant:
-        return np.asarray((later(rows.t, rows.throttle, VARIANT_DELAY) == 0.0) & (force < 0.0))
+        return np.asarray((delay_values(rows.t, rows.throttle, VARIANT_DELAY) == 0.0)
+                          & (force < 0.0))
     return np.asarray((rows.throttle == 0.0) & (force > HARDEST_BRAKING))
 
 
 def friction_problem(rows: JoinedRows, variant: bool = False) -> CurveProblem:
-    """a, b, c of the friction, from coasting."""
+    """Make the problem of the friction's a, b, c, from coasting."""
     v, force = motion(rows)
-    use = coasting(rows, force, variant)
+    use = is_coasting(rows, force, variant)
     p = PAPER.friction
     return CurveProblem(
         "friction", curves.friction, (v[use],), force[use], ("a", "b", "c"),
@@ -50,7 +53,7 @@ def friction_problem(rows: JoinedRows, variant: bool = False) -> CurveProblem:
 
 
 def motor_problem(rows: JoinedRows) -> CurveProblem:
-    """d, e, g of the motor: force less the friction that the paper's labels were made with."""
+    """Make the problem of the motor's d, e, g: force minus the friction of the paper's labels."""
     v, force = motion(rows)
     label = force - curves.friction(np.array(LABEL_FRICTION), v)[0]
     p = PAPER.motor
@@ -62,14 +65,14 @@ def motor_problem(rows: JoinedRows) -> CurveProblem:
          "d, e and g are strongly correlated: use them together, with their covariance"))
 
 
-def fast(rows: JoinedRows) -> BoolArray:
-    """Rows (n,) above 0.8 m/s."""
-    return np.asarray(rows.speed > FAST)
+def is_fast(rows: JoinedRows) -> BoolArray:
+    """Return whether each row (n,) is above 0.8 m/s."""
+    return np.asarray(rows.speed > MIN_FAST_SPEED)
 
 
 def steering_problem(rows: JoinedRows) -> CurveProblem:
-    """The five numbers of the map, from atan(l W / v)."""
-    use = fast(rows)
+    """Make the problem of the map's five parameters, from atan(l omega / v)."""
+    use = is_fast(rows)
     angle = np.arctan2(PAPER.body.wheelbase * rows.yaw_rate[use], rows.speed[use])
     p = PAPER.steering
     gains = (0.8, 1.5, 2.5)

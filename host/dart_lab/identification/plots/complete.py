@@ -1,4 +1,4 @@
-"""A fit with everything in it that its curve needs."""
+"""Completion of fits with the fixed parameters that their curves need."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import replace
 
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.flat import names, unit, value
-from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
 
-REAR = "rear_cornering_stiffness"
+REAR_STIFFNESS = "rear_cornering_stiffness"
 
 
-def completed(fits: Mapping[str, Fit], base: Vehicle) -> dict[str, Fit]:
-    """The fits; that of the tyres with the values that it held at the base's, as not identifiable.
+def complete_fits(fits: Mapping[str, SubmodelFit], base: Vehicle) -> dict[str, SubmodelFit]:
+    """Add the fixed values of the tyres to their fit, as not identifiable.
 
-    A joint fit moves two of the four values of the front tyre, the curve needs
-    all. The covariance stays that of what was fitted.
+    A joint fit has two of the four parameters of the front tyre, the curve needs all. The
+    covariance remains that of the fitted ones.
     """
     if "tyres" not in fits:
         return dict(fits)
-    held = {full.partition(".")[2]: Estimate(float(value(base, full)), math.inf, unit(base, full),
-                                             False)
-            for full in names(base) if full.startswith("tyres.")}
+    fixed = {full.partition(".")[2]: FittedParameter(float(value(base, full)), math.inf,
+                                                     unit(base, full), False)
+             for full in names(base) if full.startswith("tyres.")}
     tyres = fits["tyres"]
-    return {**fits, "tyres": replace(tyres, parameters={**held, **tyres.parameters})}
+    return {**fits, "tyres": replace(tyres, parameters={**fixed, **tyres.parameters})}
 
 
-def papers_form(fits: Mapping[str, Fit]) -> bool:
-    """Whether the tyres have the form that pictures show: stiffness of the rear axle in N/rad."""
-    return "tyres" in fits and REAR in fits["tyres"].parameters
+def has_paper_form(fits: Mapping[str, SubmodelFit]) -> bool:
+    """Return whether the tyres have the paper's form: rear stiffness in N/rad."""
+    return "tyres" in fits and REAR_STIFFNESS in fits["tyres"].parameters

@@ -1,4 +1,4 @@
-"""What the pictures show: the data of each sub-model as plain arrays."""
+"""Data of the pictures: one class of plain arrays for each sub-model."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from dart_hal.core.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class StepResponse:
-    """One stretch of straight driving, (n,) each: t [s], throttle behind the gate,
-    v [m/s] and force m dv/dt [N]; title: which recording."""
+    """Straight driving, (n,) each: t [s], throttle, v [m/s], force m dv/dt [N].
+
+    throttle: behind the gate; title: name of the recording.
+    """
 
     t: FloatArray
     throttle: FloatArray
@@ -20,7 +22,7 @@ class StepResponse:
 
 
 @dataclass(frozen=True, slots=True)
-class Coasting:
+class CoastingData:
     """Force [N] at throttle 0 over speed v [m/s], (n,) each."""
 
     v: FloatArray
@@ -28,7 +30,7 @@ class Coasting:
 
 
 @dataclass(frozen=True, slots=True)
-class Driving:
+class MotorData:
     """Motor force [N] (total less friction) at throttle and speed v [m/s], (n,) each."""
 
     throttle: FloatArray
@@ -37,7 +39,7 @@ class Driving:
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class SteeringData:
     """Road-wheel angle atan(l W / v) [rad] over the command, (n,) each."""
 
     command: FloatArray
@@ -45,8 +47,8 @@ class Turning:
 
 
 @dataclass(frozen=True, slots=True)
-class Slipping:
-    """Slip angle [rad] and lateral force [N] of both axles, (n,) each; label: which data."""
+class TyreData:
+    """Slip angle [rad] and lateral force [N] of both axles, (n,) each; label: for the legend."""
 
     front_slip: FloatArray
     front_force: FloatArray
@@ -56,10 +58,10 @@ class Slipping:
 
 
 @dataclass(frozen=True, slots=True)
-class Lagging:
-    """Agreement of the delayed steering command with the yaw rate, (m,) over lag [s].
+class DelayData:
+    """Correlation of the delayed steering command with the yaw rate over lag (m,) [s].
 
-    value: correlation, 1 at the best; marks: (lag [s], what it is).
+    value (m,): 1 at the best; marks: (lag [s], label).
     """
 
     lag: FloatArray
@@ -68,12 +70,12 @@ class Lagging:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """What there is to show; None where the recordings hold nothing of it."""
+class PlotData:
+    """Data of all pictures; None without data."""
 
     step: StepResponse | None = None
-    friction: Coasting | None = None
-    motor: Driving | None = None
-    steering: Turning | None = None
-    tyres: Slipping | None = None
-    delay: Lagging | None = None
+    friction: CoastingData | None = None
+    motor: MotorData | None = None
+    steering: SteeringData | None = None
+    tyres: TyreData | None = None
+    delay: DelayData | None = None

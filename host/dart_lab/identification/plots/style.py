@@ -1,4 +1,4 @@
-"""A fit in a picture: the data, our curve, the paper's curve."""
+"""A fit in a picture: data, fitted curve, the paper's curve."""
 
 from __future__ import annotations
 
@@ -8,41 +8,42 @@ import numpy as np
 
 from dart_hal.core.figures import INK, ORANGE, scatter
 from dart_hal.core.types import FloatArray
-from dart_lab.identification.fit import Fit
+from dart_lab.identification.fit import SubmodelFit
 
-OURS, PAPER = INK, ORANGE
+FIT_COLOR = INK
+PAPER_COLOR = ORANGE
 PAPER_DASHES = (6, 3)
 
 
-def compare(axes: Any, data: tuple[FloatArray, FloatArray], what: str, x: FloatArray, fit: Fit,
-            ours: FloatArray, published: FloatArray, *, part: str = "") -> None:
-    """Data points (x, y), called ``what``, and both curves at x (n,); part: as in ``line``."""
+def compare(axes: Any, data: tuple[FloatArray, FloatArray], what: str, x: FloatArray,
+            fit: SubmodelFit, ours: FloatArray, published: FloatArray, *, part: str = "") -> None:
+    """Draw data points (x, y) with label ``what``, and both curves; part: as in ``line``."""
     scatter(axes, *data, what)
     line(axes, x, ours, fit, part)
     paper(axes, x, published)
 
 
-def line(axes: Any, x: FloatArray, y: FloatArray, fit: Fit, part: str = "") -> None:
-    """Our curve; a fit that is not sound is dotted and said so.
+def line(axes: Any, x: FloatArray, y: FloatArray, fit: SubmodelFit, part: str = "") -> None:
+    """Draw the fitted curve; a fit that is not sound is dotted and labelled so.
 
-    part: beginning of the names of the parameters that count here, "" = all.
+    part: prefix of the parameters that count here, "" = all.
     """
     sound = fit.converged and not any(name.startswith(part) for name in fit.at_bound)
-    axes.plot(x, y, color=OURS, lw=2.2, ls="-" if sound else ":", zorder=3,
+    axes.plot(x, y, color=FIT_COLOR, lw=2.2, ls="-" if sound else ":", zorder=3,
               label=label(fit) if sound else f"{label(fit)} (not sound)")
 
 
-def label(fit: Fit) -> str:
-    """What the curve of a fit is: no single recording need lie on one of many sessions."""
+def label(fit: SubmodelFit) -> str:
+    """Return the label of a fit: a recording need not be on the mean of several sessions."""
     sessions = fit.details.get("sessions", 1.0)
     return f"fit, mean of {sessions:g} sessions" if sessions > 1.0 else "fit"
 
 
 def paper(axes: Any, x: FloatArray, y: FloatArray) -> None:
-    """The curve of the paper's code."""
-    axes.plot(x, y, color=PAPER, lw=1.5, dashes=PAPER_DASHES, zorder=4, label="paper")
+    """Draw the curve of the paper's code."""
+    axes.plot(x, y, color=PAPER_COLOR, lw=1.5, dashes=PAPER_DASHES, zorder=4, label="paper")
 
 
-def values(fit: Fit, *names: str) -> FloatArray:
-    """Parameters of a fit as an array, in that order."""
+def values(fit: SubmodelFit, *names: str) -> FloatArray:
+    """Return parameters of a fit as an array, in that order."""
     return np.array([fit.parameters[name].value for name in names])

@@ -1,5 +1,5 @@
 """The forward model of a recorded drive: logged commands, actuators, motion, sensors.
 
-What ``evaluate`` scores, ``identify`` and ``diagnose`` fit, and ``diagnose.suggest``
-drives without a car.
+``evaluate`` scores it, ``identify`` and ``diagnose`` fit it, and ``diagnose.suggest`` simulates
+drives with it.
 """

@@ -1,7 +1,6 @@
-"""What the actuators did with the logged commands: delay, lag, steering map, effects on them.
+"""Simulation of the actuators: delay, lag, steering map and effects on the logged commands.
 
-All of it runs from the start of a recording, so that a window inherits what
-came before it.
+It runs from the start of a recording, so that a window begins with the memory of all before it.
 """
 
 from __future__ import annotations
@@ -23,11 +22,12 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-PARTS = 4  # of a sample, in which an effect with a memory has its mean
+# Parts of a sample over which the output of an effect with a memory is averaged.
+PARTS = 4
 
 
 def delay_command(command: FloatArray, delay: float, smooth: bool = False) -> FloatArray:
-    """The command (n,) ``delay`` [s] later, or below 0 earlier; its ends are held.
+    """Delay a command (n,) by ``delay`` [s], below 0: advance it; its ends are held.
 
     By whole samples, as open-loop evaluation is defined; smooth: linear between samples, so that a
     fit can find a delay below the step of the grid.
@@ -36,9 +36,9 @@ def delay_command(command: FloatArray, delay: float, smooth: bool = False) -> Fl
         command, delay if smooth else SAMPLE * round(delay / SAMPLE), SAMPLE))
 
 
-def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
-             ) -> tuple[FloatArray, FloatArray]:
-    """(throttle -1..1, road-wheel angle [rad]) of every sample of a recording, (n,) each."""
+def actuator_outputs(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
+                     ) -> tuple[FloatArray, FloatArray]:
+    """Simulate (throttle -1..1, road-wheel angle [rad]) of a recording, (n,) each."""
     throttle, angle = (behind_actuator(p, channel, command, g.t, smooth=smooth, sampled=sampled)
                        for channel, command in (("throttle", g.throttle),
                                                 ("steering", g.steering)))
@@ -47,13 +47,12 @@ def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "s
 
 def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray, *,
                     smooth: bool = False, sampled: Sampled = "start") -> FloatArray:
-    """One command (n,) at times t (n,) behind its actuator: "throttle", or of "steering" the angle.
+    """Simulate one actuator at times t (n,): "throttle", or for "steering" the angle [rad].
 
-    smooth: as ``delay_command``. As open-loop evaluation is defined, a lag is what it is
-    when a sample starts, an effect with a memory what it has reached when it ends:
-    5 ms late, and 5 ms early, where both are held over the sample; sampled "mean":
-    the means over it instead. Errors: UsageError for an effect that wants to know
-    the motion: it is not known before the rollout.
+    smooth: as ``delay_command``. As open-loop evaluation is defined, a sample holds the output of
+    a lag at its start (5 ms old in the mean) and the output of an effect with a memory at its end
+    (5 ms early); sampled "mean": the means over the sample instead. Raises UsageError for an
+    effect that depends on the motion, which is not known before the rollout.
     """
     p = apply_parameter_effects(p)
     delay, lag = (getattr(p.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
@@ -63,35 +62,39 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
 
 def behind_lag(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
                sampled: Sampled = "start") -> FloatArray:
-    """What is left of ``behind_actuator`` of a settled vehicle after delay and lag (n,)."""
-    series = reached(p, channel, series, t, sampled)
-    return series if channel == "throttle" else turned(p, series, t, sampled)
+    """Simulate ``behind_actuator`` from the output (n,) of delay and lag on.
 
-
-def reached(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
-            sampled: Sampled = "start") -> FloatArray:
-    """A command (n,) after delay and lag behind the effects on it: where the servo is.
-
-    Of the steering, nothing of the vehicle matters for that but these effects.
+    p: with its parameter effects applied.
     """
-    return _through(p, channel, series, t, sampled)
+    series = apply_command_effects(p, channel, series, t, sampled)
+    return series if channel == "throttle" else road_wheel_angle(p, series, t, sampled)
 
 
-def turned(p: Vehicle, servo: FloatArray, t: FloatArray, sampled: Sampled = "start"
-           ) -> FloatArray:
-    """Road-wheel angle (n,) [rad] of a settled vehicle with its servo at (n,): map and linkage."""
-    return _through(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(servo)), t, sampled)
+def apply_command_effects(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+                          sampled: Sampled = "start") -> FloatArray:
+    """Apply the effects on a command to the output (n,) of delay and lag: the servo's position.
+
+    The steering depends on no other part of the vehicle there.
+    """
+    return _apply_effects(p, channel, series, t, sampled)
 
 
-def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
-             sampled: Sampled) -> FloatArray:
-    """The series (n,) behind the effects on its channel, in their order."""
+def road_wheel_angle(p: Vehicle, servo: FloatArray, t: FloatArray, sampled: Sampled = "start"
+                     ) -> FloatArray:
+    """Compute the road-wheel angle (n,) [rad] from the servo's position (n,): map and linkage."""
+    return _apply_effects(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(servo)), t,
+                          sampled)
+
+
+def _apply_effects(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+                   sampled: Sampled) -> FloatArray:
+    """Apply the effects on a channel to a series (n,), in their order."""
     remembers = any(isinstance(hook, Stateful) for _, hook in signals(p, channel))
     parts = PARTS if sampled == "mean" and remembers else 1
     if parts > 1:
         series = np.repeat(series, parts)
         t = (t[:, None] + np.arange(parts) * SAMPLE / parts).ravel()
-    # a hook that looks at the motion gets NaN, which nobody can overlook
+    # A hook that reads the motion gets NaN, which is detected below.
     unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))
     out = np.asarray(channels.transform_signal(p, channel, series, unmoved, SAMPLE / parts))
     out = out.reshape(-1, parts).mean(axis=1) if parts > 1 else out

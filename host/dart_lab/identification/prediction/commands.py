@@ -1,11 +1,10 @@
 """Commands of a recording as series on the grid of 0.01 s.
 
-A message holds the command of its moment. ``zero_order_hold`` keeps it until the
-next message, on the clock of the senders: what drove the car. Where rows were
-logged without their senders' clock, a command changed between two of them at a
-time that nobody knows; ``Command`` takes the straight line, whose errors do not
-bias a delay, as those of a staircase bias delay and lag. A replay that holds each
-row until the next one, as ``evaluate`` does, is half a step later in the mean: ``hold``.
+A message has the command at its time. ``zero_order_hold`` holds it until the next message, on the
+clock of the senders, which is what drove the car. In rows that were logged without that clock, a
+command changed at an unknown time between two rows. ``LoggedCommand`` interpolates linearly: its
+errors do not bias a delay, while those of a staircase bias delay and lag. A replay that holds each
+row until the next one, as ``evaluate`` does, is delayed by half a step in the mean: ``hold``.
 """
 
 from __future__ import annotations
@@ -19,15 +18,16 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle.delay import first_order_lag
 
-PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
+# Quantile of the delay between sending and arrival that is taken as no delay.
+PROMPT_QUANTILE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
-    """Command (m,) at t (m,) s, straight lines between; before and after: the end values.
+class LoggedCommand:
+    """Command (m,) at t (m,) [s], linear between; before and after: the end values.
 
-    hold [s]: how much later a replay of held rows is in the mean; 0 for our
-    own runs, whose commands are known frame by frame.
+    hold [s]: mean delay of a replay of held rows; 0 for own runs, whose commands are known frame
+    by frame.
     """
 
     t: FloatArray
@@ -35,86 +35,89 @@ class Command:
     hold: float
 
     def on_grid(self, start: float, n: int, delay: float = 0.0, lag: float = 0.0) -> FloatArray:
-        """(n,) means over each sample from ``start`` [s] on, ``delay`` [s] later, then lagged.
+        """Return the means (n,) over samples from ``start`` [s] on, delayed and lagged.
 
-        lag [s]: first order, settled at the start; what a sample holds is what
-        the lag has reached at its middle.
+        delay [s]; lag [s]: of first order, in steady state at the start; a sample has the output
+        of the lag at its middle.
         """
+        # The mean of a piecewise linear function is a difference of its integral, which is a
+        # parabola between two points and a straight line beyond the ends.
         edges = start + SAMPLE * np.arange(n + 1) - delay
         inside = np.clip(edges, self.t[0], self.t[-1])
-        step, rise = np.diff(self.t), np.diff(self.value)
+        step = np.diff(self.t)
+        rise = np.diff(self.value)
         area = np.concatenate([[0.0], np.cumsum((self.value[:-1] + 0.5 * rise) * step)])
         i = np.clip(np.searchsorted(self.t, inside, side="right") - 1, 0, len(step) - 1)
-        gone = inside - self.t[i]
+        elapsed = inside - self.t[i]
         slope = rise[i] / np.maximum(step[i], 1e-9)
-        total = area[i] + (self.value[i] + 0.5 * slope * gone) * gone
+        total = area[i] + (self.value[i] + 0.5 * slope * elapsed) * elapsed
         total = total + np.where(edges < self.t[0], self.value[0], self.value[-1]) * (
             edges - inside)
         return first_order_lag(np.diff(total) / SAMPLE, lag, "middle")
 
 
-def step_of(recording: Recording) -> float:
-    """s that a message stands for: of means their span, else the median time to the next one."""
+def message_step(recording: Recording) -> float:
+    """Return the time [s] that a message covers: the span of means, else the median step."""
     step = np.diff(recording.messages.t)
     return recording.span or (float(np.median(step)) if len(step) else 0.1)
 
 
-def throttle_of(recording: Recording, stamp: FloatArray) -> Command:
-    """Throttle behind the gate at stamp (m,) s."""
-    return Command(stamp, recording.messages.throttle, _hold(recording))
+def throttle_of(recording: Recording, stamp: FloatArray) -> LoggedCommand:
+    """Return the throttle behind the gate at stamp (m,) [s]."""
+    return LoggedCommand(stamp, recording.messages.throttle, _hold(recording))
 
 
-def steering_of(recording: Recording, stamp: FloatArray) -> Command:
-    """Steering at stamp (m,) s; means of the step that ends at the stamp belong to its middle."""
-    shift = 0.5 * step_of(recording) if recording.of_means else 0.0
-    return Command(stamp - shift, recording.messages.steering, _hold(recording))
+def steering_of(recording: Recording, stamp: FloatArray) -> LoggedCommand:
+    """Return the steering at stamp (m,) [s]; means of the step before it are at its middle."""
+    shift = 0.5 * message_step(recording) if recording.of_means else 0.0
+    return LoggedCommand(stamp - shift, recording.messages.steering, _hold(recording))
 
 
 def _hold(recording: Recording) -> float:
-    return 0.0 if recording.of_means else 0.5 * step_of(recording)
+    return 0.0 if recording.of_means else 0.5 * message_step(recording)
 
 
 def message_time(m: Messages) -> FloatArray:
-    """When each message was sent (m,) [s], on the clock of the mocap.
+    """Return when each message was sent (m,) [s], on the clock of the mocap.
 
-    The sensor node's own stamps are steady; arrival waits for the line, the
-    loop and the next mocap row. The promptest arrivals tie the two clocks.
+    The stamps of the sensor node are regular; arrivals are delayed by the line, the loop and the
+    next mocap row. The arrivals with the least delay relate the two clocks.
     """
-    return np.asarray(m.t + np.quantile(m.arrival - m.t, PROMPT))
+    return np.asarray(m.t + np.quantile(m.arrival - m.t, PROMPT_QUANTILE))
 
 
 def zero_order_hold(t: FloatArray, value: FloatArray, n: int) -> FloatArray:
-    """Mean of a command over each sample (n,), held from message (m,) to message."""
+    """Return the mean (n,) over each sample of a command that is held between messages (m,)."""
     since = np.concatenate([[min(t[0], 0.0) - 1.0], t[1:]])
     total = np.concatenate([[0.0], np.cumsum(np.diff(since) * value[:-1])])
     edges = np.arange(n + 1) * SAMPLE
     integral = np.interp(edges, since, total) + np.maximum(edges - since[-1], 0.0) * value[-1]
-    return _level(np.diff(integral) / SAMPLE)
+    return _round_sums(np.diff(integral) / SAMPLE)
 
 
 def spread_over(command: FloatArray, spread: float) -> FloatArray:
-    """A series (n,) that comes up to ``spread`` [s] earlier or later: what it is in the mean."""
+    """Average a series (n,) over a jitter of up to ``spread`` [s] in both directions."""
     if 2.0 * spread <= SAMPLE:
         return command
     total = np.concatenate([[0.0], np.cumsum(command)])
     edges = np.arange(len(total), dtype=np.float64)
-    middle, reach = edges[:-1] + 0.5, spread / SAMPLE
+    middle = edges[:-1] + 0.5
+    reach = spread / SAMPLE
     low, high = (np.clip(middle + r, 0.0, len(command)) for r in (-reach, reach))
-    return _level((np.interp(high, edges, total) - np.interp(low, edges, total)) / (high - low))
+    difference = np.interp(high, edges, total) - np.interp(low, edges, total)
+    return _round_sums(difference / (high - low))
 
 
-def catmull_rom(series: FloatArray, at: FloatArray) -> FloatArray:
-    """A series (n,) at times (..., k) in samples: cubic through four samples (Catmull-Rom).
+def catmull_rom(series: FloatArray, positions: FloatArray) -> FloatArray:
+    """Interpolate a series (n,) at positions (..., k) [samples] by Catmull-Rom cubics.
 
-    Or series (s, n), each at times of its own (s, k).
-
-    Straight lines would be off by what a signal bends within a sample, more or
-    less of it at every age of the messages, and the loss rough along that age.
+    Or several series (s, n), each at its own positions (s, k). The error of linear interpolation
+    depends on the curvature and the age of the messages, and would make the loss rough in that age.
     """
     last = series.shape[-1] - 1
-    at = np.minimum(np.maximum(at, 0.0), last)
-    i = np.minimum(at.astype(np.int64), last - 1)
-    u = at - i
+    positions = np.minimum(np.maximum(positions, 0.0), last)
+    i = np.minimum(positions.astype(np.int64), last - 1)
+    u = positions - i
     row = (last + 1) * np.arange(len(series))[:, None] if series.ndim == 2 else 0
     a, b, c, d = (series.ravel()[row + k] for k in (
         np.maximum(i - 1, 0), i, i + 1, np.minimum(i + 2, last)))
@@ -122,6 +125,6 @@ def catmull_rom(series: FloatArray, at: FloatArray) -> FloatArray:
                                                   + u * (3.0 * (b - c) + d - a))))
 
 
-def _level(command: FloatArray) -> FloatArray:
-    """What stands still does so to the last bit: differences of sums do not."""
+def _round_sums(command: FloatArray) -> FloatArray:
+    """Round differences of sums, so that a constant command is constant to the last bit."""
     return np.round(command, 9)

@@ -1,7 +1,7 @@
 """Open-loop rollouts of windows: from a measured state onwards with the logged commands alone.
 
-Windows of several recordings go side by side, as pairs (grid, first samples). States
-are (.., 6, windows): x, y [m], yaw [rad, unwrapped], v_x, v_y [m/s], yaw rate [rad/s]
+Windows of several recordings are one batch, as pairs (grid, first samples). States are
+(.., 6, windows): x, y [m], yaw [rad, unwrapped], v_x, v_y [m/s], yaw rate [rad/s]
 of the centre of mass.
 """
 
@@ -19,69 +19,71 @@ from dart_hal.vehicle.delay import Sampled
 from dart_hal.vehicle.fitting.covariance import pool_blocks
 from dart_hal.vehicle.parameters import Vehicle
 
-from .actuators import actuated
+from .actuators import actuator_outputs
 
 Parts = Sequence[tuple[Grid, IntArray]]
 Progress = Callable[[float], None]
-LANES = 2048
-"""Windows that are rolled out together: what a core's cache holds, and bounds the memory."""
+# Windows of one batch: they fit into the cache of a core, and bound the memory.
+BATCH_WINDOWS = 2048
 
 
-def states(g: Grid, at: IntArray | slice = slice(None)) -> FloatArray:
-    """Measured states (6, n) of a recording, of all its samples or at some."""
-    return np.stack([v[at] for v in (g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega)])
+def states(g: Grid, rows: IntArray | slice = slice(None)) -> FloatArray:
+    """Return the measured states (6, n) of a recording, at all samples or at ``rows``."""
+    return np.stack([v[rows] for v in (g.x, g.y, g.yaw, g.v_x, g.v_y, g.omega)])
 
 
-def measured(parts: Parts, at: Sequence[int] | IntArray) -> FloatArray:
-    """Measured states (len(at), 6, windows) so many samples after each start."""
+def measured_states(parts: Parts, offsets: Sequence[int] | IntArray) -> FloatArray:
+    """Return measured states (len(offsets), 6, windows), ``offsets`` samples after each start."""
     return np.stack([np.concatenate([states(g, first + k) for g, first in parts], axis=1)
-                     for k in at])
+                     for k in offsets])
 
 
-def joined(parts: Parts, series: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
-    """(series of all recordings end to end, start (windows,) of each window in it)."""
+def concatenate_series(parts: Parts, series: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
+    """Concatenate series; return (the series, start (windows,) of each window in it)."""
     offsets = np.cumsum([0, *(len(g) for g, _ in parts)])
     return np.concatenate(series), np.concatenate(
         [first + offset for (_, first), offset in zip(parts, offsets, strict=False)])
 
 
-def stretches(parts: Parts, length: float) -> tuple[IntArray, IntArray]:
-    """(recording, stretch of ``length`` [s] of it) in which each window starts, (windows,)."""
+def label_stretches(parts: Parts, length: float) -> tuple[IntArray, IntArray]:
+    """Label each window (windows,) with its (recording, stretch of ``length`` [s])."""
     return pool_blocks([(first * SAMPLE // length).astype(np.int64) for _, first in parts])
 
 
-def windowed(series: FloatArray, at: IntArray, samples: int) -> FloatArray:
-    """(samples, windows): what windows that start at ``at`` see of a joined series."""
-    return np.asarray(series[at[None, :] + np.arange(samples)[:, None]])
+def cut_windows(series: FloatArray, starts: IntArray, samples: int) -> FloatArray:
+    """Cut the windows (samples, windows) that begin at ``starts`` from a concatenated series."""
+    return np.asarray(series[starts[None, :] + np.arange(samples)[:, None]])
 
 
 def inputs(p: Vehicle, parts: Parts, smooth: bool = False, sampled: Sampled = "start"
            ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """(throttle, road-wheel angle, starts) as ``joined``, behind the actuators."""
-    throttle, angle = zip(*(actuated(p, g, smooth=smooth, sampled=sampled) for g, _ in parts),
+    """Return (throttle, road-wheel angle, starts) behind the actuators, concatenated."""
+    throttle, angle = zip(*(actuator_outputs(p, g, smooth=smooth, sampled=sampled) for g, _
+                            in parts),
                           strict=True)
-    tau, at = joined(parts, throttle)
+    tau, at = concatenate_series(parts, throttle)
     return tau, np.concatenate(angle), at
 
 
 def batches(n: int) -> Iterator[slice]:
-    """Slices of at most LANES windows."""
-    return (slice(a, min(a + LANES, n)) for a in range(0, n, LANES))
+    """Return slices of at most BATCH_WINDOWS windows."""
+    return (slice(a, min(a + BATCH_WINDOWS, n)) for a in range(0, n, BATCH_WINDOWS))
 
 
-def predict(p: Vehicle, parts: Parts, at: Sequence[int], *, smooth: bool = False,
+def predict(p: Vehicle, parts: Parts, offsets: Sequence[int], *, smooth: bool = False,
             sampled: Sampled = "start", progress: Progress | None = None) -> FloatArray:
-    """What the model says so many samples after each start, (len(at), 6, windows).
+    """Predict the states (len(offsets), 6, windows), ``offsets`` samples after each start.
 
-    smooth, sampled: as ``behind_actuator``; progress(share) is called as it goes.
+    smooth, sampled: as ``behind_actuator``; progress(share) reports each batch.
     """
     throttle, angle, first = inputs(p, parts, smooth, sampled)
-    start = measured(parts, (0,))[0]
-    out = np.empty((len(at), 6, len(first)))
+    start = measured_states(parts, (0,))[0]
+    out = np.empty((len(offsets), 6, len(first)))
     for some in batches(len(first)):
         with np.errstate(over="ignore", invalid="ignore"):  # a model may diverge: it is scored
-            out[:, :, some] = rollout(p, start[:, some], windowed(throttle, first[some], max(at)),
-                                      windowed(angle, first[some], max(at)), at=at)
+            out[:, :, some] = rollout(p, start[:, some],
+                                      cut_windows(throttle, first[some], max(offsets)),
+                                      cut_windows(angle, first[some], max(offsets)), at=offsets)
         if progress is not None:
             progress(some.stop / len(first))
     return out

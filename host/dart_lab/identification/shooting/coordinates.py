@@ -1,7 +1,8 @@
-"""The numbers that a fit moves, each in units of what one expects it to move.
+"""Coordinates of a fit: its free parameters in prior standard deviations around a base model.
 
-What has a sign by its nature (a stiffness, a gain, a dead band) moves by
-factors, so that no fit runs into zero; offsets and times move by amounts.
+    p = p0 exp(w x)     parameters with a sign by nature (a stiffness, a gain, a dead band): a fit
+                        never reaches zero
+    p = p0 + w x        offsets and times
 """
 
 from __future__ import annotations
@@ -17,28 +18,31 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import bounds, make_setter, value
 from dart_hal.vehicle.parameters import Vehicle
 
-AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
-"""One prior standard deviation in SI units, by name or group."""
-FACTOR = 0.7
-"""The same of the logarithm of all others: a factor of two."""
-ZERO = 1e-9  # of a unit: smaller numbers are rounding
-FIRST_LAG = 0.04  # s; where a lag starts that the base model lacks: at 0 it has no slope
+# Prior standard deviations [SI units] of additive parameters, by name or group.
+PRIOR_AMOUNTS = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
+# Prior standard deviation of the logarithm of all others: a factor of two.
+PRIOR_LOG_STD = 0.7
+# [SI units] Smaller numbers are rounding errors.
+MIN_NUMBER = 1e-9
+# [s] Start of a lag that the base model does not have: its derivative at 0 is 0.
+FIRST_LAG = 0.04
 
 
 class Coordinates:
     """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x.
 
-    known: standard errors by name, in SI units, where the base was measured;
-    amounts: widths by name of what moves by amounts besides AMOUNT. Raises
-    UsageError where the base has a 0 that would have to move by factors.
+    known: standard errors [SI units] by name, where the base was measured; amounts: further
+    additive parameters with their prior standard deviations. Raises UsageError for a parameter
+    of the base that is 0 and would be multiplied by a factor.
     """
 
     def __init__(self, base: Vehicle, names: tuple[str, ...],
                  known: Mapping[str, float] = MappingProxyType({}),
                  amounts: Mapping[str, float] = MappingProxyType({})) -> None:
-        self.names, self._vehicle = names, make_setter(base, names)
+        self.names = names
+        self._vehicle = make_setter(base, names)
         self._start = np.array([value(base, name) for name in names])
-        usual_amounts = {**AMOUNT, **amounts}
+        usual_amounts = {**PRIOR_AMOUNTS, **amounts}
         amount = [usual_amounts.get(n, usual_amounts.get(n.partition(".")[0])) for n in names]
         self._log = np.array([a is None for a in amount])
         zero = [n for n, log, number in zip(names, self._log, self._start, strict=True)
@@ -48,7 +52,7 @@ class Coordinates:
                              expected="values other than 0",
                              remedy="--base paper, or a model.toml with a typical value")
         self._whole = np.where(self._log, self._start, 1.0)
-        usual = [FACTOR if a is None else a for a in amount]
+        usual = [PRIOR_LOG_STD if a is None else a for a in amount]
         scale = np.where(self._log, np.abs(self._start), 1.0)
         self._usual = np.array(usual)
         self._width = np.array([min(w, known[n] / s) if known.get(n, 0.0) > 0.0 and s else w
@@ -57,38 +61,40 @@ class Coordinates:
         with np.errstate(divide="ignore"):  # the logarithm of a bound at 0
             ends = [np.where(self._log, np.log(np.where(self._log, limit / self._whole, 1.0)),
                              limit - self._start) / self._width for limit in self._limits]
-        self.low, self.high = np.minimum(*ends), np.maximum(*ends)
+        self.low = np.minimum(*ends)
+        self.high = np.maximum(*ends)
 
     @property
     def first(self) -> FloatArray:
-        """Where to begin (k,): at the base, but with a lag where it has none."""
+        """Start of the fit (k,): the base, with FIRST_LAG in place of missing lags."""
         return np.array([FIRST_LAG / w if name.endswith("_lag_s") and number == 0.0 else 0.0
                          for name, number, w in zip(self.names, self._start, self._width,
                                                     strict=True)])
 
     def numbers(self, x: FloatArray) -> FloatArray:
-        """Parameters (k,) in SI units."""
-        moved = np.where(self._log, self._start * np.exp(self._width * x * self._log),
-                         self._start + self._width * x)
-        # the way there and back may miss a bound, or nought, by one digit
-        return np.asarray(np.clip(np.where(np.abs(moved) < ZERO, 0.0, moved), *self._limits))
+        """Return the parameters (k,) in SI units."""
+        numbers = np.where(self._log, self._start * np.exp(self._width * x * self._log),
+                           self._start + self._width * x)
+        # log and exp may miss a bound, or zero, by one digit.
+        return np.asarray(np.clip(np.where(np.abs(numbers) < MIN_NUMBER, 0.0, numbers),
+                                  *self._limits))
 
     def find(self, numbers: FloatArray) -> FloatArray:
-        """The x (k,) of parameters (k,) in SI units."""
+        """Return the x (k,) of parameters (k,) in SI units."""
         ratio = np.where(self._log, numbers / np.where(self._log, self._start, 1.0), 1.0)
-        return np.asarray(np.where(self._log, np.log(np.maximum(ratio, ZERO)),
+        return np.asarray(np.where(self._log, np.log(np.maximum(ratio, MIN_NUMBER)),
                                    numbers - self._start) / self._width)
 
     def slope(self, x: FloatArray) -> FloatArray:
-        """Size of d number / d x, (k,)."""
+        """Return |d number / d x|, (k,)."""
         return np.where(self._log, self._width * np.abs(self.numbers(x)), self._width)
 
     def usual(self, x: FloatArray) -> FloatArray:
-        """Prior standard deviations (k,) in SI units that nothing measured would have, at x."""
+        """Return the prior standard deviations (k,) [SI units] of unmeasured parameters at x."""
         return np.where(self._log, self._usual * np.abs(self.numbers(x)), self._usual)
 
     def width(self, i: int) -> float:
-        """The prior standard deviation of parameter i in its own units, at the base."""
+        """Return the prior standard deviation of parameter i [SI units] at the base."""
         return float(self._widths[i])
 
     @cached_property
@@ -96,5 +102,5 @@ class Coordinates:
         return self.slope(np.zeros(len(self.names)))
 
     def vehicle(self, x: FloatArray) -> Vehicle:
-        """The base with these parameters."""
+        """Return the base with the parameters of x."""
         return self._vehicle(self.numbers(x).tolist())

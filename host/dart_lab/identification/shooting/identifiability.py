@@ -21,8 +21,8 @@ from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import Vehicle
 
 from .coordinates import Coordinates
-from .fit import CORRELATED, FREE, IDENTIFIED, SCALE, _Work, free_names
-from .problem import Problem
+from .fit import FIRST_ERRORS, FREE, MAX_IDENTIFIED_STD, PRIOR_SCALE, _JointProblem, free_names
+from .problem import ShootingProblem
 
 # Manoeuvre that determines the parameters of a sub-model, in words, for any car.
 MANOEUVRES = {
@@ -59,17 +59,17 @@ def predict_identifiability(recordings: Sequence[Recording], base: Vehicle,
     base: start model; known: standard errors of its parameters by "group.key".
     Raises RecordingError if a recording cannot be predicted.
     """
-    problem = Problem.of([grid(r, reference, base.body.l_r) for r in recordings])
+    problem = ShootingProblem.from_grids([grid(r, reference, base.body.l_r) for r in recordings])
     names = free_names(base, tuple(FREE))
     space = Coordinates(base, names, known or {})
-    scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
-    slopes = _Work(problem, space, base.body.l_r, None)._jacobian(space.first, scale)
-    relative = np.linalg.inv(CORRELATED**2 * slopes.T @ slopes + np.eye(len(names)))
+    scale = np.broadcast_to(np.array(FIRST_ERRORS)[:, None], (*problem.measured.shape[:2], 1))
+    slopes = _JointProblem(problem, space, base.body.l_r, None)._jacobian(space.first, scale)
+    relative = np.linalg.inv(PRIOR_SCALE**2 * slopes.T @ slopes + np.eye(len(names)))
     std = np.sqrt(np.diag(relative))
     # Remove the information of the prior, 1 in each coordinate.
     by_data = 1.0 / np.sqrt(np.maximum(std**-2 - 1.0, np.finfo(float).tiny))
     slope = space.slope(space.first)
-    determined = by_data * slope < IDENTIFIED * space.usual(space.first)
+    determined = by_data * slope < MAX_IDENTIFIED_STD * space.usual(space.first)
     return tuple(Identifiability(
         name, float(value(base, name)), float(std[i] * slope[i]), unit(base, name),
         bool(determined[i]), MANOEUVRES[name.partition(".")[0]]) for i, name in enumerate(names))

@@ -1,4 +1,4 @@
-"""Stretches of recordings with their measured start, and the model's prediction of them."""
+"""Windows of recordings with their measured start, and the model's prediction of them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,28 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.prediction.rollout import Parts, measured, predict
-from dart_lab.identification.prediction.windows import MIN_SPEED, find_windows
+from dart_lab.identification.prediction.rollout import Parts, measured_states, predict
+from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED, find_windows
 
 CHANNELS = ("v_x", "v_y", "omega")
-UNITS = ("m/s", "m/s", "rad/s")
-HORIZON = 1.0  # s
-EVERY = 0.5  # s from start to start: every sample is predicted twice
-READ = (0.1, 0.25, 0.5, 0.75, 1.0)  # s after the start
-AT = tuple(round(t / SAMPLE) for t in READ)
-AFTER = 7  # samples that the velocity filter reaches beyond the window
+PREDICTED_UNITS = ("m/s", "m/s", "rad/s")
+# [s] Length of a window.
+PREDICTION_TIME = 1.0
+# [s] From start to start: every sample is predicted twice.
+START_INTERVAL = 0.5
+# [s] Read-outs after the start.
+READ_TIMES = (0.1, 0.25, 0.5, 0.75, 1.0)
+READ_OFFSETS = tuple(round(t / SAMPLE) for t in READ_TIMES)
+# Samples that the velocity filter uses beyond the window.
+FILTER_REACH = 7
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class ShootingProblem:
     """n windows of some recordings.
 
-    parts: the recordings with the first samples of their windows; measured
-    (len(READ), 3, n): CHANNELS to be predicted; waits [s]: by recording, standard
-    error of how long its commands waited for their pulse, () = of none.
+    parts: recordings with the first samples of their windows; measured (len(READ_TIMES), 3, n):
+    measured CHANNELS; waits [s]: standard error of the pulse wait of each recording, () = none.
     """
 
     parts: Parts
@@ -38,19 +41,20 @@ class Problem:
     waits: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, grids: Sequence[Grid], every: float = EVERY) -> Problem:
-        """All good windows, ``every`` [s] one. Raises RecordingError when there is none."""
-        clean = AT[-1] + AFTER
+    def from_grids(cls, grids: Sequence[Grid], every: float = START_INTERVAL) -> ShootingProblem:
+        """Find all good windows, one every ``every`` [s]. Raises RecordingError without any."""
+        clean = READ_OFFSETS[-1] + FILTER_REACH
         starts = [find_windows(g, round(every / SAMPLE), clean, clean).start for g in grids]
-        parts = [(g, first[_fast(g, first)]) for g, first in zip(grids, starts, strict=True)]
+        parts = [(g, first[_stays_fast(g, first)])
+                 for g, first in zip(grids, starts, strict=True)]
         if not any(len(first) for _, first in parts):
             raise RecordingError(
                 "no stretch of these recordings can be predicted",
-                found=f"{len(grids)} recording(s) without {HORIZON} s of good motion capture "
-                      f"above {MIN_SPEED} m/s",
+                found=f"{len(grids)} recording(s) without {PREDICTION_TIME} s of good motion "
+                      f"capture above {MIN_WINDOW_SPEED} m/s",
                 expected="motion capture of a moving car",
                 remedy="dart-hal data check FILES says what is wrong with them")
-        return cls(parts, measured(parts, AT)[:, 3:])
+        return cls(parts, measured_states(parts, READ_OFFSETS)[:, 3:])
 
     def __len__(self) -> int:
         return int(self.measured.shape[-1])
@@ -63,24 +67,24 @@ class Problem:
         return np.repeat(errors, [len(first) for _, first in self.parts])
 
     def predict(self, p: Vehicle, shift: float = 0.0) -> FloatArray:
-        """CHANNELS at READ by the model, (len(READ), 3, n).
+        """Predict CHANNELS at READ_TIMES, (len(READ_TIMES), 3, n).
 
-        Samples hold the mean of what a lag has reached: continuous down to no lag at all.
-        shift [m]: the centre of mass of the model ahead of that of the measured motion. The
+        Samples hold the mean of a lag's output, which is continuous down to a lag of 0.
+        shift [m]: of the model's centre of mass ahead of that of the measured motion. The
         prediction is that of the measured point: v_y there is v_y - shift omega.
         """
         parts = self.parts if not shift else [
             (replace(g, v_y=g.v_y + shift * g.omega), first) for g, first in self.parts]
-        out = np.asarray(predict(p, parts, AT, smooth=True, sampled="mean")[:, 3:])
+        out = np.asarray(predict(p, parts, READ_OFFSETS, smooth=True, sampled="mean")[:, 3:])
         if shift:
             out[:, 1] -= shift * out[:, 2]
         return out
 
 
-def _fast(g: Grid, first: IntArray) -> BoolArray:
-    """Whether a window (n,) stays above MIN_SPEED until its last read-out.
+def _stays_fast(g: Grid, first: IntArray) -> BoolArray:
+    """Return whether a window (n,) stays above MIN_WINDOW_SPEED until its last read-out.
 
-    Where a car comes to rest its measured velocity is smoothed over the stop, which friction at
-    rest would have to explain.
+    The measured velocity of a car that comes to rest is smoothed over the stop, and friction at
+    rest would have to explain that.
     """
-    return np.asarray(np.all([g.v_x[first + at] > MIN_SPEED for at in AT], axis=0))
+    return np.asarray(np.all([g.v_x[first + at] > MIN_WINDOW_SPEED for at in READ_OFFSETS], axis=0))

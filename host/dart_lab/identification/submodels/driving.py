@@ -1,8 +1,10 @@
-"""Which of friction, motor and throttle timing the straight driving can tell, and their fit.
+"""Fit of friction, motor and throttle timing to straight driving.
 
-Friction first, from coasting alone, then the motor from driven stretches with
-that friction and its errors: fitted together, whatever the motor's form cannot
-follow would go into the friction.
+1. Select straight driving in all recordings, and count what it excites.
+2. Fit the friction to coasting alone.
+3. Fit the motor to driven stretches, with that friction and its errors. In a common fit the
+   friction would absorb the errors of the motor's form.
+4. Add the error of the mass to all forces.
 """
 
 from __future__ import annotations
@@ -16,39 +18,43 @@ from dart_hal.calibration.sessions import sessions_of
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
-from dart_lab.identification.fit import Estimate
+from dart_lab.identification.fit import FittedParameter
 from dart_lab.identification.submodels.coasting import (
-    IDLE,
-    coasting,
-    driven,
+    MAX_IDLE_THROTTLE,
     fit_coasting,
     recent_throttle,
+    select_coasting,
+    select_driven,
 )
 from dart_lab.identification.submodels.guess import first_guess
 from dart_lab.identification.submodels.motor_fit import band_notes, fit_motor
 from dart_lab.identification.submodels.report import Ledger
-from dart_lab.identification.submodels.speeds import WINDOW, Speeds, speeds_of
-from dart_lab.identification.submodels.straight import NAMES, Straight, solve_straight
-from dart_lab.identification.submodels.stretches import cut
+from dart_lab.identification.submodels.speeds import ENCODER_WINDOW, Speeds, read_speeds
+from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, StraightFit, solve_straight
+from dart_lab.identification.submodels.stretches import cut_stretches
 
-MIN_SAMPLES = 30  # samples: 3 s of straight driving
-MIN_SESSION = 30  # driven samples of a session beside others
-MIN_DRIVEN = 30  # samples that a fit of the motor needs
-LEVEL = 0.03  # of throttle: closer levels are one
-MOTOR, TIMING = ("d", "e", "g"), ("throttle_s", "throttle_lag_s")
+# 3 s of straight driving.
+MIN_STRAIGHT_SAMPLES = 30
+# Driven samples of a session with several sessions; smaller sessions are left out.
+MIN_SESSION_DRIVEN = 30
+# Driven samples that a fit of the motor needs.
+MIN_DRIVEN_SAMPLES = 30
+# Span of the throttle that identifies the dead band g; closer levels count as one.
+MIN_LEVEL_SPAN = 0.03
+MOTOR_NAMES = ("d", "e", "g")
+TIMING_NAMES = ("throttle_s", "throttle_lag_s")
 
 
 @dataclass(frozen=True, slots=True)
-class Driving:
-    """The fit, or None with the reason; counts of what the recordings hold.
+class StraightDriving:
+    """Fit of straight driving, or None with the reason; and counts of the samples.
 
-    fit: friction, motor and timing with all covariances, its residual that of
-    driven motion; coast: the fit of the coasting; samples, of them coasting and
-    driven; level_span: of the throttle while driven; slowest, fastest m/s;
-    changes: throttle steps within the driving; hold [s]: of the logged throttle.
+    fit: friction, motor and timing with all covariances; its residual is that of driven motion.
+    coast: fit of the coasting. level_span: of the throttle while driven. slowest, fastest [m/s].
+    changes: number of throttle steps. hold [s]: mean delay of the logged throttle.
     """
 
-    fit: Straight | None
+    fit: StraightFit | None
     why_not: str
     samples: int
     coasting: int
@@ -59,58 +65,67 @@ class Driving:
     changes: int
     hold: float
     notes: tuple[str, ...] = ()
-    coast: Straight | None = None
+    coast: StraightFit | None = None
     coast_notes: tuple[str, ...] = ()
 
 
-def drive(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
-          mass: Estimate | None, ledger: Ledger, only_friction: bool = False) -> Driving:
-    """Cut, count, decide what is free, fit the coasting, then what is driven."""
+def fit_straight_driving(recordings: Sequence[Recording], reference: Reference | None,
+                         base: Vehicle,
+                         mass: FittedParameter | None, ledger: Ledger,
+                         only_friction: bool = False) -> StraightDriving:
+    """Select straight driving, choose the free parameters, fit coasting and driven stretches."""
     series: list[Speeds] = []
     sessions: list[str] = []
     for recording, session in zip(recordings, sessions_of(recordings), strict=True):
-        one = speeds_of(recording, reference, ledger)
+        one = read_speeds(recording, reference, ledger)
         if one is not None and only_friction:
-            one = coasting(one)
+            one = select_coasting(one)
         if one is not None:
             series.append(one)
             sessions.append(session)
-    everything = _count(series)
-    kilograms, vague = (base.body.mass, 0.0) if mass is None else (mass.value, mass.std)
-    if everything.samples < MIN_SAMPLES:
+    everything = _count_samples(series)
+    kilograms, mass_std = (base.body.mass, 0.0) if mass is None else (mass.value, mass.std)
+    if everything.samples < MIN_STRAIGHT_SAMPLES:
         what = "coasting" if only_friction else "straight driving"
-        return replace(everything, why_not=f"{everything.samples * WINDOW:.1f} s of {what}, at "
-                                           f"least {MIN_SAMPLES * WINDOW:.0f} s needed")
-    coast, said = fit_coasting(series, sessions, base, kilograms)
-    fit, notes = _motor(series, sessions, base, kilograms, coast)
+        return replace(everything,
+                       why_not=f"{everything.samples * ENCODER_WINDOW:.1f} s of {what}, at "
+                       f"least {MIN_STRAIGHT_SAMPLES * ENCODER_WINDOW:.0f} s needed")
+    coast, coast_notes = fit_coasting(series, sessions, base, kilograms)
+    fit, notes = _fit_driven(series, sessions, base, kilograms, coast)
     found = fit or coast
     if found is None:
         return replace(everything, why_not="neither coasting nor a driven stretch long enough")
     return replace(
-        everything, fit=found.with_mass(kilograms, vague), notes=tuple(notes),
-        coast=None if coast is None else coast.with_mass(kilograms, vague),
-        coast_notes=tuple(said))
+        everything, fit=found.with_mass(kilograms, mass_std), notes=tuple(notes),
+        coast=None if coast is None else coast.with_mass(kilograms, mass_std),
+        coast_notes=tuple(coast_notes))
 
 
-def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mass: float,
-           coast: Straight | None) -> tuple[Straight | None, list[str]]:
-    """(friction as found and the motor that belongs to it, notes)."""
-    parts = [(d, n) for s, n in zip(series, sessions, strict=True) if (d := driven(s)) is not None]
+def _fit_driven(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mass: float,
+                coast: StraightFit | None) -> tuple[StraightFit | None, list[str]]:
+    """Fit the motor to driven stretches with the friction of ``coast``; return (fit, notes)."""
+    parts = [(d, n) for s, n in zip(series, sessions, strict=True)
+             if (d := select_driven(s)) is not None]
+    # Sessions with few samples are left out; if all have few, they count as one session.
     size: dict[str, int] = {}
     for one, name in parts:
         size[name] = size.get(name, 0) + len(one)
-    small = [n for n, samples in size.items() if samples < MIN_SESSION]
+    small = [n for n, samples in size.items() if samples < MIN_SESSION_DRIVEN]
     if len(small) == len(size):
-        parts, small, size = [(s, "all") for s, _ in parts], [], {"all": 0}
+        parts = [(s, "all") for s, _ in parts]
+        small = []
+        size = {"all": 0}
     parts = [(s, n) for s, n in parts if n not in small]
     names = [n for n in size if n not in small]
     used = [s for s, _ in parts]
-    free = _free(_count([s for s, n in zip(series, sessions, strict=True) if n not in small]))
+    free = _choose_free(_count_samples([s for s, n in zip(series, sessions, strict=True)
+                                        if n not in small]))
     if not free:
         return None, []
+    # Start: the fitted friction, a guess of what is free, the base's values of all others.
     start = first_guess(used, base, mass)
-    held = [i for i, n in enumerate(NAMES) if n not in free]
-    start[held] = _of(base)[held]
+    fixed = [i for i, n in enumerate(STRAIGHT_NAMES) if n not in free]
+    start[fixed] = _base_values(base)[fixed]
     if coast is not None:
         start[:3] = coast.x[:3]
     friction = np.zeros((3, 3)) if coast is None else coast.covariance[:3, :3]
@@ -119,47 +134,55 @@ def _motor(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle, mas
     if coast is not None:
         fit = replace(fit, free=(*coast.free, *fit.free),
                       independent=np.append(coast.independent[:3], fit.independent[3:]))
-        if len(names) == 1 and TIMING[0] in free:
-            fit = _timed(fit, used, base, mass)
+        if len(names) == 1 and TIMING_NAMES[0] in free:
+            fit = _replace_timing(fit, used, base, mass)
     notes = [f"{n}: too little driven straight, left out" for n in small]
     notes += [] if bands is None else band_notes(names, bands)
     return replace(fit, sessions=len(names)), notes
 
 
-def _timed(fit: Straight, series: Sequence[Speeds], base: Vehicle, mass: float) -> Straight:
-    """The fit with the timing of one fit of everything, its errors over blocks.
+def _replace_timing(fit: StraightFit, series: Sequence[Speeds], base: Vehicle,
+                    mass: float) -> StraightFit:
+    """Replace the timing by that of a fit of all parameters, with its errors over blocks.
 
-    One session may coast little (the delay test hardly does): forces are then as
-    uncertain as its friction, but when they begin does not hang on that.
+    One session may coast little (the delay test hardly does). The forces are then as uncertain
+    as its friction, but the time at which they begin does not depend on it.
     """
-    whole = solve_straight(series, cut(series), base, fit.x, fit.free, mass)
-    rows = [NAMES.index(n) for n in TIMING]
-    x, covariance, independent = fit.x.copy(), fit.covariance.copy(), fit.independent.copy()
-    x[rows], independent[rows] = whole.x[rows], whole.independent[rows]
-    covariance[rows], covariance[:, rows] = 0.0, 0.0
+    whole = solve_straight(series, cut_stretches(series), base, fit.x, fit.free, mass)
+    rows = [STRAIGHT_NAMES.index(n) for n in TIMING_NAMES]
+    x = fit.x.copy()
+    covariance = fit.covariance.copy()
+    independent = fit.independent.copy()
+    x[rows] = whole.x[rows]
+    independent[rows] = whole.independent[rows]
+    covariance[rows] = 0.0
+    covariance[:, rows] = 0.0
     covariance[np.ix_(rows, rows)] = whole.covariance[np.ix_(rows, rows)]
     return replace(fit, x=x, covariance=covariance, independent=independent)
 
 
-def _count(series: Sequence[Speeds]) -> Driving:
+def _count_samples(series: Sequence[Speeds]) -> StraightDriving:
     throttle = [recent_throttle(s)[~s.tail] for s in series]
     v = np.concatenate([s.v[~s.tail] for s in series]) if series else np.zeros(0)
     tau = np.concatenate(throttle) if throttle else np.zeros(0)
-    on = tau[tau > IDLE]
-    return Driving(None, "", len(v), int((tau <= IDLE).sum()), len(on),
-                   float(np.ptp(on)) if len(on) else 0.0, float(v.min(initial=np.inf)),
-                   float(v.max(initial=0.0)),
-                   sum(int((np.diff(t) != 0.0).sum()) for t in throttle),
-                   float(np.mean([s.throttle.hold for s in series])) if series else 0.0)
+    on = tau[tau > MAX_IDLE_THROTTLE]
+    return StraightDriving(None, "", len(v), int((tau <= MAX_IDLE_THROTTLE).sum()), len(on),
+                           float(np.ptp(on)) if len(on) else 0.0, float(v.min(initial=np.inf)),
+                           float(v.max(initial=0.0)),
+                           sum(int((np.diff(t) != 0.0).sum()) for t in throttle),
+                           float(np.mean([s.throttle.hold for s in series])) if series else 0.0)
 
 
-def _free(c: Driving) -> tuple[str, ...]:
-    """Of motor and timing."""
-    if c.driven < MIN_DRIVEN:
+def _choose_free(c: StraightDriving) -> tuple[str, ...]:
+    """Choose the free parameters of motor and timing."""
+    if c.driven < MIN_DRIVEN_SAMPLES:
         return ()
-    return (MOTOR if c.level_span >= LEVEL else ("d", "e")) + (TIMING if c.changes else ())
+    motor = MOTOR_NAMES if c.level_span >= MIN_LEVEL_SPAN else ("d", "e")
+    return motor + (TIMING_NAMES if c.changes else ())
 
 
-def _of(base: Vehicle) -> FloatArray:
-    f, m, t = base.friction, base.motor, base.delay
+def _base_values(base: Vehicle) -> FloatArray:
+    f = base.friction
+    m = base.motor
+    t = base.delay
     return np.array([f.a, f.b, f.c, m.d, m.e, m.g, t.throttle_s, t.throttle_lag_s])

@@ -1,4 +1,4 @@
-"""What each file gave to the fits, and the fit that could not be made."""
+"""Samples that each file gave to the fits, and the result of a fit that could not be made."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.report import FileReport
 
-UNITS: Mapping[str, Mapping[str, str]] = {
+# Sub-models in their order, with the units of their parameters as in ``model.toml``.
+PARAMETER_UNITS: Mapping[str, Mapping[str, str]] = {
     "friction": {"a": "N", "b": "s/m", "c": "N s/m"},
     "motor": {"d": "N", "e": "N s/m", "g": "-"},
     "steering": {"k_left": "-", "a_left_rad": "rad", "s0": "-", "a_right_rad": "rad",
@@ -20,12 +21,11 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "tyres": {"front_D": "N", "front_C": "-", "front_B": "1/rad", "front_E": "-",
               "rear_cornering_stiffness": "N/rad"},
 }
-"""Sub-models in their order, with the units of their parameters as in ``model.toml``."""
 
 
 @dataclass(slots=True)
 class Ledger:
-    """Collects what every sub-model took from every file."""
+    """Collects the samples that each sub-model used of each file, and the reasons."""
 
     used: dict[str, int] = field(default_factory=dict)
     dropped: dict[str, int] = field(default_factory=dict)
@@ -39,16 +39,16 @@ class Ledger:
         known += [text for text in why if text not in known]
 
     def reports(self) -> dict[str, FileReport]:
-        """One report per file, in the order in which files came up."""
+        """Return one report per file, in the order of the first ``add``."""
         return {file: FileReport(self.used[file], self.dropped[file], tuple(self.why[file]))
                 for file in self.used}
 
 
-def not_identified(submodel: str, values: Mapping[str, float], notes: Sequence[str],
-                   cpu_s: float = 0.0) -> Fit:
-    """A fit that was not made: the values it would start from, nothing identified."""
-    units = UNITS[submodel]
+def make_unidentified(submodel: str, values: Mapping[str, float], notes: Sequence[str],
+                      cpu_s: float = 0.0) -> SubmodelFit:
+    """Make the result of a fit that was not possible: base values, nothing identified."""
+    units = PARAMETER_UNITS[submodel]
     k = len(units)
-    return Fit(submodel, {name: Estimate(values[name], math.inf, unit, False)
-                          for name, unit in units.items()},
-               np.full((k, k), np.inf), 0, 0.0, "", False, (), cpu_s, tuple(notes))
+    return SubmodelFit(submodel, {name: FittedParameter(values[name], math.inf, unit, False)
+                                  for name, unit in units.items()},
+                       np.full((k, k), np.inf), 0, 0.0, "", False, (), cpu_s, tuple(notes))

@@ -1,9 +1,9 @@
-"""Steering samples of steady turns: speed and yaw rate of one and the same time.
+"""Steering samples of steady turns, with speed and yaw rate of the same time.
 
-An encoder reads the mean of the last 0.1 s, a gyro this moment: while the car
-gains speed their ratio shows a tighter turn than there is, most at low speed,
-which looks like tyre slip. So the gyro is averaged over the encoder's window,
-and what is not steady is left out. The mocap has both at one time.
+An encoder reads the mean of the last 0.1 s, a gyro the present value. While the car gains speed,
+their ratio shows a turn that is too tight, most at low speed, which looks like tyre slip. So the
+gyro is averaged over the encoder's window, and samples that are not steady are excluded. The
+mocap has both at the same time.
 """
 
 from __future__ import annotations
@@ -23,17 +23,21 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_lab.identification.submodels.report import Ledger
-from dart_lab.identification.submodels.speeds import EVERY, mocap_grid
+from dart_lab.identification.submodels.speeds import MOCAP_STRIDE, mocap_grid
 
-SLOW = 0.3  # m/s
-MAX_LATERAL = 2.0  # m/s2; beyond it slip is no longer proportional to v^2
-MAX_CHANGE = 0.5  # m/s2 over 0.4 s; faster is not steady
-SPAN = 2  # samples of 0.1 s to each side
+# [m/s]
+MIN_STEADY_SPEED = 0.3
+# [m/s2] Slip is not proportional to v^2 beyond it.
+MAX_STEADY_LATERAL = 2.0
+# [m/s2] Over 0.4 s.
+MAX_STEADY_ACCEL = 0.5
+# Samples of 0.1 s to each side of a difference.
+STEADY_SPAN = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """Simultaneous t (m,) s, speed m/s, yaw rate rad/s, command; segment; good."""
+class SteadyMotion:
+    """Motion at 10 Hz: t (m,) [s], speed [m/s], yaw rate [rad/s], command; segment; good."""
 
     t: FloatArray
     speed: FloatArray
@@ -43,18 +47,18 @@ class Turn:
     good: BoolArray
 
 
-def turn_of(recording: Recording, reference: Reference | None) -> Turn | None:
-    """Motion at 10 Hz from the mocap, else encoder and gyro; None without either."""
+def read_motion(recording: Recording, reference: Reference | None) -> SteadyMotion | None:
+    """Read the motion from the mocap, else from encoder and gyro; None without either."""
     try:
         g = mocap_grid(recording, reference)
     except RecordingError:
         g = None
     if g is not None:
-        pick = slice(0, None, EVERY)
+        pick = slice(0, None, MOCAP_STRIDE)
         bad = g.bad[pick]
-        # each end of a bad stretch begins a segment: no difference reaches across a gap
+        # A segment begins at each end of a bad stretch: no difference spans a gap.
         segment = np.concatenate([[0], np.cumsum(bad[1:] != bad[:-1])]).astype(np.int64)
-        return Turn(g.t[pick], g.v_x[pick], g.omega[pick], g.steering[pick], segment, ~bad)
+        return SteadyMotion(g.t[pick], g.v_x[pick], g.omega[pick], g.steering[pick], segment, ~bad)
     if recording.encoder != "ok":
         return None
     m = recording.messages
@@ -62,30 +66,31 @@ def turn_of(recording: Recording, reference: Reference | None) -> Turn | None:
     same = np.diff(m.segment) == 0
     mean[1:] = np.where(same, 0.5 * (m.yaw_rate[1:] + m.yaw_rate[:-1]), m.yaw_rate[1:])
     good = np.isfinite(m.speed) & np.isfinite(mean)
-    return Turn(m.t, m.speed, mean, m.steering, m.segment, good)
+    return SteadyMotion(m.t, m.speed, mean, m.steering, m.segment, good)
 
 
 def steady_samples(recording: Recording, wheelbase: float, reference: Reference | None,
                    ledger: Ledger) -> tuple[Samples, FloatArray] | None:
-    """(samples, their v^2 (n,)) of one recording, None when nothing can be used."""
-    turn = turn_of(recording, reference)
+    """Return (samples, v^2 (n,)) of one recording; None (reason in the ledger) without any."""
+    turn = read_motion(recording, reference)
     if turn is None:
         ledger.add(recording.name, 0, len(recording.messages), ["steering: no speed measured"])
         return None
-    moving = turn.good & (turn.speed > SLOW)
-    steady = moving & _steady(turn, recording.quantum or 0.0)
-    use = steady & (np.abs(turn.speed * turn.yaw_rate) < MAX_LATERAL)
+    moving = turn.good & (turn.speed > MIN_STEADY_SPEED)
+    steady = moving & _is_steady(turn, recording.quantum or 0.0)
+    use = steady & (np.abs(turn.speed * turn.yaw_rate) < MAX_STEADY_LATERAL)
     slope = wheelbase * turn.yaw_rate / np.where(moving, turn.speed, 1.0)
     command, earlier = shift_command(turn.t, turn.command, slope, moving)
     direction, age = approach(command, turn.t)
+    # The wheels follow a held command after MIN_COMMAND_AGE; others are shifted instead.
     if earlier == 0.0:
         use = use & ((age > MIN_COMMAND_AGE) | (direction == 0.0))
-    said = [f"steering: {int((steady & ~use).sum())} samples slip or follow a change of command, "
-            f"{int((moving & ~steady).sum())} change speed"] if moving.any() else [
-        f"steering: nothing above {SLOW} m/s"]
+    reasons = [f"steering: {int((steady & ~use).sum())} samples slip or follow a change of "
+               f"command, {int((moving & ~steady).sum())} change speed"] if moving.any() else [
+        f"steering: nothing above {MIN_STEADY_SPEED} m/s"]
     if earlier:
-        said.append(f"steering: commands change all the time, taken {earlier:.2f} s earlier")
-    ledger.add(recording.name, int(use.sum()), int((~use).sum()), said)
+        reasons.append(f"steering: commands change all the time, taken {earlier:.2f} s earlier")
+    ledger.add(recording.name, int(use.sum()), int((~use).sum()), reasons)
     if not use.any():
         return None
     samples = samples_of_turn(turn.t, command, turn.segment, wheelbase * turn.yaw_rate,
@@ -93,13 +98,15 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
     return samples, np.square(turn.speed[use])
 
 
-def _steady(turn: Turn, quantum: float) -> BoolArray:
-    """Where the speed 0.2 s before and after differs by no more than counting does."""
+def _is_steady(turn: SteadyMotion, quantum: float) -> BoolArray:
+    """Return whether the speeds 0.2 s before and after differ by no more than counting does."""
     out = np.zeros(len(turn.t), dtype=bool)
-    if len(out) <= 2 * SPAN:
+    if len(out) <= 2 * STEADY_SPAN:
         return out
-    later, sooner = turn.speed[2 * SPAN:], turn.speed[:-2 * SPAN]
-    span = turn.t[2 * SPAN:] - turn.t[:-2 * SPAN]
-    same = turn.segment[2 * SPAN:] == turn.segment[:-2 * SPAN]
-    out[SPAN:-SPAN] = same & (np.abs(later - sooner) < MAX_CHANGE * span + 0.5 * quantum)
+    later = turn.speed[2 * STEADY_SPAN:]
+    sooner = turn.speed[:-2 * STEADY_SPAN]
+    span = turn.t[2 * STEADY_SPAN:] - turn.t[:-2 * STEADY_SPAN]
+    same = turn.segment[2 * STEADY_SPAN:] == turn.segment[:-2 * STEADY_SPAN]
+    out[STEADY_SPAN:-STEADY_SPAN] = same & (np.abs(later - sooner) < MAX_STEADY_ACCEL * span
+                                            + 0.5 * quantum)
     return out

@@ -1,8 +1,10 @@
-"""The steering map of the paper's form, with tyre slip taken out by its dependence on v^2.
+"""The steering map of the paper's form, with tyre slip removed by its dependence on v^2.
 
-At the same angle a faster car turns less (or more): atan(l W/v) = delta -
-kappa v^2 sin(2 delta)/2. With kappa known the map is that of v -> 0 and not
-of the speed that was driven.
+At the same angle a faster car turns less (or more):
+
+    atan(l omega / v) = delta(s) - kappa v^2 sin(2 delta) / 2
+
+With kappa known, the map is that of v -> 0 and not of the speeds that were driven.
 """
 
 from __future__ import annotations
@@ -26,42 +28,50 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
 from dart_hal.vehicle.fitting.least_squares import Solution
-from dart_lab.identification.fit import Estimate, Fit
-from dart_lab.identification.submodels.report import UNITS, Ledger, not_identified
-from dart_lab.identification.submodels.steady import MAX_LATERAL, SLOW, steady_samples
-from dart_lab.identification.submodels.understeer import slip_of
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
+from dart_lab.identification.submodels.report import PARAMETER_UNITS, Ledger, make_unidentified
+from dart_lab.identification.submodels.steady import (
+    MAX_STEADY_LATERAL,
+    MIN_STEADY_SPEED,
+    steady_samples,
+)
+from dart_lab.identification.submodels.understeer import estimate_slip_with_prior
 
-REACHED = 0.3  # of command; a side with less tells no curvature
-MAX_RELATIVE = {"k_left": 0.3, "a_left_rad": 0.2, "a_right_rad": 0.2, "k_right": 0.3}
-MAX_STD_S0 = 0.03  # of command
+# Largest command on a side below which its curvature is not identified.
+MIN_SIDE_COMMAND = 0.3
+# Largest standard error over value of an identified parameter.
+MAX_MAP_RELATIVE_STD = {"k_left": 0.3, "a_left_rad": 0.2, "a_right_rad": 0.2, "k_right": 0.3}
+# [command] The value of s0 may be 0.
+MAX_STD_S0 = 0.03
 
 
 def fit_steering(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
-                 ledger: Ledger) -> Fit:
-    """The five parameters; what the commands do not reach is held by a weak prior and said."""
+                 ledger: Ledger) -> SubmodelFit:
+    """Fit the five parameters; a weak prior replaces commands that were not driven."""
     begin = time.process_time()
     parts: list[tuple[Recording, Samples, FloatArray]] = []
     for recording in recordings:
         found = steady_samples(recording, base.body.wheelbase, reference, ledger)
         if found is not None:
             parts.append((recording, *found))
-    held = {n: float(getattr(base.steering, n)) for n in UNITS["steering"]}
+    base_values = {n: float(getattr(base.steering, n)) for n in PARAMETER_UNITS["steering"]}
     if not parts:
-        return not_identified("steering", held, [f"no recording turns at more than {SLOW} m/s"])
+        return make_unidentified("steering", base_values,
+                                 [f"no recording turns at more than {MIN_STEADY_SPEED} m/s"])
     samples = concatenate([s for _, s, _ in parts])
-    why = _too_little(samples)
+    why = _why_too_little(samples)
     if why:
-        return not_identified("steering", held, [why], time.process_time() - begin)
+        return make_unidentified("steering", base_values, [why], time.process_time() - begin)
     square = np.concatenate([q for _, _, q in parts])
     owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
-    slip = slip_of(samples, square, owner)
+    slip = estimate_slip_with_prior(samples, square, owner)
     fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
                      understeer=slip, robust=True)
-    said = _notes(parts, samples, square, fitted.solution, slip)
-    return _fit(samples, fitted, said, time.process_time() - begin)
+    notes = _notes(parts, samples, square, fitted.solution, slip)
+    return _make_fit(samples, fitted, notes, time.process_time() - begin)
 
 
-def _too_little(samples: Samples) -> str:
+def _why_too_little(samples: Samples) -> str:
     levels, span, rising = coverage(samples)
     if levels < MIN_LEVELS or span < MIN_SPAN:
         return (f"{levels} steering level(s) over a span of {span:.2f}, at least {MIN_LEVELS} "
@@ -69,34 +79,37 @@ def _too_little(samples: Samples) -> str:
     return "" if rising else "the car turns right where the command is left: sign of W?"
 
 
-def _fit(samples: Samples, found: PaperMap, notes: list[str], cpu_s: float) -> Fit:
-    s, covariance = found.solution, found.covariance
-    units = UNITS["steering"]
+def _make_fit(samples: Samples, found: PaperMap, notes: list[str], cpu_s: float) -> SubmodelFit:
+    s = found.solution
+    covariance = found.covariance
+    units = PARAMETER_UNITS["steering"]
     reach = {"left": float(samples.command.max()), "right": float(-samples.command.min())}
     independent = collinearity(s)
     out = {}
     for i, (name, unit) in enumerate(units.items()):
-        value, std = float(s.x[i]), float(np.sqrt(covariance[i, i]))
+        value = float(s.x[i])
+        std = float(np.sqrt(covariance[i, i]))
         side = next((reach[k] for k in reach if k in name), 1.0)
-        limit = MAX_RELATIVE[name] * abs(value) if name in MAX_RELATIVE else MAX_STD_S0
-        known = std < limit and side > REACHED and independent[i] > 0.01
-        out[name] = Estimate(value, std, unit, bool(known))
+        relative = MAX_MAP_RELATIVE_STD.get(name)
+        limit = MAX_STD_S0 if relative is None else relative * abs(value)
+        known = std < limit and side > MIN_SIDE_COMMAND and independent[i] > 0.01
+        out[name] = FittedParameter(value, std, unit, bool(known))
     residual = s.residual[:len(samples)]
     stopped = tuple(n for n, edge in zip(units, s.at_bound, strict=True) if edge)
-    return Fit("steering", out, covariance, len(samples),
-               float(np.sqrt(np.mean(residual**2))), "rad", s.converged, stopped, cpu_s,
-               tuple(notes))
+    return SubmodelFit("steering", out, covariance, len(samples),
+                       float(np.sqrt(np.mean(residual**2))), "rad", s.converged, stopped, cpu_s,
+                       tuple(notes))
 
 
 def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samples,
            square: FloatArray, s: Solution, slip: tuple[float, float]) -> list[str]:
     speed = np.sqrt(square)
     out = [f"commands {samples.command.min():+.2f} to {samples.command.max():+.2f} at "
-           f"{speed.min():.2f} to {speed.max():.2f} m/s, below {MAX_LATERAL} m/s2",
-           f"slip taken out: kappa {slip[0]:+.3f} +- {slip[1]:.3f} s2/m2, so the map is that of "
-           f"v -> 0; as the paper does it, without this, {_without(samples)}"]
+           f"{speed.min():.2f} to {speed.max():.2f} m/s, below {MAX_STEADY_LATERAL} m/s2",
+           f"slip removed: kappa {slip[0]:+.3f} +- {slip[1]:.3f} s2/m2, so the map is that of "
+           f"v -> 0; as the paper does it, without this, {_describe_uncorrected(samples)}"]
     for side, reach in (("left", samples.command.max()), ("right", -samples.command.min())):
-        if reach < REACHED:
+        if reach < MIN_SIDE_COMMAND:
             out.append(f"nothing beyond {reach:+.2f} on the {side}: its curve is the prior's")
     residual = -s.residual[:len(samples)]
     ends = np.cumsum([len(part) for _, part, _ in parts])[:-1]
@@ -105,5 +118,5 @@ def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samp
     return [*out, *cautions(make_groups(triples))]
 
 
-def _without(samples: Samples) -> str:
+def _describe_uncorrected(samples: Samples) -> str:
     return ", ".join(f"{n} {v:.3f}" for n, v in fit_map(samples, robust=True).as_dict().items())

@@ -1,4 +1,4 @@
-"""Fit "tyres": what the mocap tells of both axles, and what on-board sensors alone can tell."""
+"""Fit "tyres": both axles from mocap, or one combination of them from on-board sensors."""
 
 from __future__ import annotations
 
@@ -13,29 +13,39 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PaperTyres, Vehicle
 from dart_hal.vehicle.fitting.random_effects import random_effects
-from dart_lab.identification.fit import Estimate, Fit
-from dart_lab.identification.submodels.report import UNITS, Ledger, not_identified
-from dart_lab.identification.submodels.tyre_fit import REAR_RANGE, fit_curves
+from dart_lab.identification.fit import FittedParameter, SubmodelFit
+from dart_lab.identification.submodels.report import PARAMETER_UNITS, Ledger, make_unidentified
+from dart_lab.identification.submodels.tyre_fit import MAX_REAR_SLIP, fit_curves
 from dart_lab.identification.submodels.tyre_forces import MIN_LATERAL, TyreForces, tyre_forces
-from dart_lab.identification.submodels.understeer import understeer_note
+from dart_lab.identification.submodels.understeer import describe_understeer
 
-NAMES = ("front_D", "front_C", "front_B", "rear_cornering_stiffness")
-NOTHING_KNOWN = np.array([20.0, 100.0, 100.0])  # N, N/rad, N/rad: std that stands for "nothing"
-MIN_SAMPLES = 100  # samples of 0.1 s
-SHAPE = 1.0  # C where it cannot be told from D: the force rises towards D and stays
-MAX_RELATIVE = 0.25  # std over value of what counts as identified
-LINEAR = 0.6  # of B alpha: less of it shows no bend, hence no D
-GAIN = 0.2  # how far a recording's forces may lie from the model's
+CURVE_NAMES = ("front_D", "front_C", "front_B", "rear_cornering_stiffness")
+# [N, N/rad, N/rad] Standard deviations of D, BCD and C_r that a session does not identify.
+UNKNOWN_STD = np.array([20.0, 100.0, 100.0])
+# Samples of 0.1 s that a session needs.
+MIN_SESSION_FORCES = 100
+# C if it is confounded with D: the force rises towards D and stays there.
+FIXED_SHAPE = 1.0
+# Largest standard error over value of an identified parameter.
+MAX_TYRE_RELATIVE_STD = 0.25
+# B alpha: the curve is straight below it, and D does not show.
+MIN_BENT_SLIP = 0.6
+# Largest |measured force / model's force - 1| of a recording without a caution.
+MAX_FORCE_DEVIATION = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Curves:
-    """x (4,) as NAMES; apart: C told from D; bent: slip reaches where the force bends."""
+class TyreCurves:
+    """Tyre curves of one or several sessions.
+
+    x (4,) as CURVE_NAMES; shape_separable: C is identified besides D; reaches_bend: the slip
+    reaches the bend of the curve.
+    """
 
     x: FloatArray
     covariance: FloatArray
-    apart: bool
-    bent: bool
+    shape_separable: bool
+    reaches_bend: bool
     front: FloatArray
     rear: FloatArray
     converged: bool
@@ -43,72 +53,84 @@ class Curves:
 
 
 def fit_tyres(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
-              car: Vehicle, ledger: Ledger) -> Fit:
-    """car: base with the steering map and delay to use. Errors: none, see ``not_identified``."""
+              car: Vehicle, ledger: Ledger) -> SubmodelFit:
+    """Fit the tyre curves. car: base with the steering map and delay to use.
+
+    Raises nothing: without enough data it returns ``make_unidentified``.
+    """
     begin = time.process_time()
     sessions: dict[str, list[TyreForces]] = {}
     for recording in recordings:
         part = tyre_forces(recording, reference, car, ledger)
         if part is not None:
             sessions.setdefault(session_of(recording), []).append(part)
-    enough = {k: v for k, v in sessions.items() if sum(len(p.rows) for p in v) >= MIN_SAMPLES}
+    enough = {k: v for k, v in sessions.items()
+              if sum(len(p.rows) for p in v) >= MIN_SESSION_FORCES}
     if not enough:
         n = sum(len(p.rows) for v in sessions.values() for p in v)
-        seen = any(r.mocap is not None for r in recordings)
+        has_mocap = any(r.mocap is not None for r in recordings)
         why = (f"{n} samples of motion capture in recordings with {MIN_LATERAL} m/s2 and more, "
-               f"at least {MIN_SAMPLES} of one session needed" if seen
-               else "no motion capture: without side slip the two axles cannot be told apart")
-        said = [why, understeer_note(recordings, reference, car)]
-        return not_identified("tyres", _held(base), said, time.process_time() - begin)
+               f"at least {MIN_SESSION_FORCES} of one session needed" if has_mocap
+               else "no motion capture: without side slip the two axles cannot be separated")
+        notes = [why, describe_understeer(recordings, reference, car)]
+        return make_unidentified("tyres", _base_values(base), notes, time.process_time() - begin)
     parts = [p for v in enough.values() for p in v]
     if len(enough) == 1:
-        result, notes = _one(parts)
+        result, notes = _fit_one_session(parts)
     else:
-        result, notes = _many(enough)
-    notes = [_range(parts), *notes, "E held at 0; forces for the base's mass and yaw inertia, "
+        result, notes = _fit_sessions(enough)
+    notes = [_describe_range(parts), *notes,
+             "E held at 0; forces for the base's mass and yaw inertia, "
              f"taken as exact; steering delayed by {car.delay.steering_s:.3f} s, lag "
              f"{car.delay.steering_lag_s:.3f} s"]
-    return _fit(result, notes, time.process_time() - begin)
+    return _make_fit(result, notes, time.process_time() - begin)
 
 
-def _one(parts: Sequence[TyreForces]) -> tuple[Curves, list[str]]:
-    """One session: C free if the data tell it from D."""
+def _fit_one_session(parts: Sequence[TyreForces]) -> tuple[TyreCurves, list[str]]:
+    """Fit one session, with C free if the data separate it from D."""
     three = fit_curves(parts, None)
-    apart = bool(np.sqrt(three.covariance[1, 1]) < MAX_RELATIVE * three.x[1]
-                 and not any(three.stopped))
-    fit = three if apart else fit_curves(parts, SHAPE)
-    notes = [_stiffness(fit.stiffness, fit.stiffness_std, fit.x[3], fit.covariance[3, 3])]
-    if not apart:
-        notes.append(f"front D and C cannot be told apart (C {three.x[1]:.2f} +- "
-                     f"{np.sqrt(three.covariance[1, 1]):.2f}): C held at {SHAPE:g}; with C free "
-                     f"the stiffness is {three.stiffness:.1f} +- {three.stiffness_std:.1f} N/rad")
-    for part, (front, rear) in zip(parts, fit.gains, strict=True):
-        if max(abs(front - 1.0), abs(rear - 1.0)) > GAIN:
+    separable = bool(np.sqrt(three.covariance[1, 1]) < MAX_TYRE_RELATIVE_STD * three.x[1]
+                     and not any(three.stopped))
+    fit = three if separable else fit_curves(parts, FIXED_SHAPE)
+    notes = [_describe_stiffness(fit.stiffness, fit.stiffness_std, fit.x[3], fit.covariance[3, 3])]
+    if not separable:
+        notes.append(f"front D and C cannot be separated (C {three.x[1]:.2f} +- "
+                     f"{np.sqrt(three.covariance[1, 1]):.2f}): C held at {FIXED_SHAPE:g}; with C "
+                     f"free the stiffness is {three.stiffness:.1f} +- "
+                     f"{three.stiffness_std:.1f} N/rad")
+    for part, (front, rear) in zip(parts, fit.force_ratios, strict=True):
+        if max(abs(front - 1.0), abs(rear - 1.0)) > MAX_FORCE_DEVIATION:
             notes.append(f"caution: {part.name} has {front:.2f} of the front's and {rear:.2f} of "
-                         "the rear's force: another floor or car; fit it apart")
-    stopped = tuple(n for n, s in zip(NAMES, fit.stopped, strict=True) if s)
-    return Curves(fit.x, fit.covariance, apart, _bent(parts, fit.x[2]), fit.front, fit.rear,
-                  fit.converged, stopped), notes
+                         "the rear's force: another floor or car; fit it separately")
+    stopped = tuple(n for n, s in zip(CURVE_NAMES, fit.stopped, strict=True) if s)
+    return TyreCurves(fit.x, fit.covariance, separable, _reaches_bend(parts, fit.x[2]), fit.front,
+                      fit.rear, fit.converged, stopped), notes
 
 
-def _many(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[Curves, list[str]]:
-    """Several sessions: floors and tyres differ, so each by itself, then a random-effects mean.
+def _fit_sessions(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[TyreCurves, list[str]]:
+    """Fit each session and average them by a random-effects model: floors and tyres differ.
 
-    Averaged are D, the stiffness BCD and C_r with C held: these mean the same
-    on every floor, B by itself does not.
+    1. Fit D, B and C_r of each session with C fixed.
+    2. Transform to (D, BCD, C_r): these mean the same on every floor, B by itself does not.
+    3. Replace what a session does not identify by 0 +- UNKNOWN_STD.
+    4. Average, and transform back to (D, C, B, C_r).
     """
-    fits = {name: fit_curves(parts, SHAPE) for name, parts in sessions.items()}
-    points, errors, notes = [], [], []
+    fits = {name: fit_curves(parts, FIXED_SHAPE) for name, parts in sessions.items()}
+    points = []
+    errors = []
+    notes = []
     for name, fit in fits.items():
-        turn = np.array([[1.0, 0.0, 0.0], [SHAPE * fit.x[2], SHAPE * fit.x[0], 0.0],
-                         [0.0, 0.0, 1.0]])
-        own = turn @ fit.covariance[np.ix_([0, 2, 3], [0, 2, 3])] @ turn.T
-        bent = _bent(sessions[name], fit.x[2])
-        useless = np.array([not bent or fit.stopped[0] or fit.stopped[2],
+        # d(D, BCD, C_r) / d(D, B, C_r)
+        to_stiffness = np.array([[1.0, 0.0, 0.0],
+                                 [FIXED_SHAPE * fit.x[2], FIXED_SHAPE * fit.x[0], 0.0],
+                                 [0.0, 0.0, 1.0]])
+        own = to_stiffness @ fit.covariance[np.ix_([0, 2, 3], [0, 2, 3])] @ to_stiffness.T
+        reaches_bend = _reaches_bend(sessions[name], fit.x[2])
+        useless = np.array([not reaches_bend or fit.stopped[0] or fit.stopped[2],
                             fit.stopped[0] or fit.stopped[2], fit.stopped[3]])
-        useless = useless | (np.sqrt(np.diag(own)) > NOTHING_KNOWN) | (not fit.converged)
+        useless = useless | (np.sqrt(np.diag(own)) > UNKNOWN_STD) | (not fit.converged)
         own[useless, :] = own[:, useless] = 0.0
-        own[useless, useless] = NOTHING_KNOWN[useless] ** 2
+        own[useless, useless] = UNKNOWN_STD[useless] ** 2
         points.append([fit.x[0], fit.stiffness, fit.x[3]])
         errors.append(own)
         if not useless.all():
@@ -117,62 +139,67 @@ def _many(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[Curves, list[st
                 in enumerate(zip(("D", "front N/rad", "rear N/rad"), points[-1], strict=True))
                 if not useless[i]))
     mean, covariance, between = random_effects(np.array(points), np.array(errors))
-    d, k = float(mean[0]), float(mean[1])
-    back = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-k / d**2 / SHAPE, 1.0 / d / SHAPE, 0.0],
-                     [0.0, 0.0, 1.0]])
-    notes = [f"{len(fits)} sessions fitted apart and averaged (front C held at {SHAPE:g}: not "
-             "identifiable beside D); the rmse is that of their own fits; "
+    d = float(mean[0])
+    k = float(mean[1])
+    # d(D, C, B, C_r) / d(D, BCD, C_r)
+    back = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0],
+                     [-k / d**2 / FIXED_SHAPE, 1.0 / d / FIXED_SHAPE, 0.0], [0.0, 0.0, 1.0]])
+    notes = [f"{len(fits)} sessions fitted separately and averaged (front C held at "
+             f"{FIXED_SHAPE:g}: not identifiable together with D); the rmse is that of "
+             "their own fits; "
              "standard deviation between them: D "
              f"{np.sqrt(between[0]):.2g} N, front {np.sqrt(between[1]):.2g}, rear "
              f"{np.sqrt(between[2]):.2g} N/rad: floors and steering trims differ, so fit yours "
-             "apart", _stiffness(k, np.sqrt(covariance[1, 1]), mean[2], covariance[2, 2]), *notes]
-    return Curves(np.array([d, SHAPE, k / d / SHAPE, mean[2]]), back @ covariance @ back.T, False,
-                  any(_bent(v, fits[n].x[2]) for n, v in sessions.items()),
-                  np.concatenate([f.front for f in fits.values()]),
-                  np.concatenate([f.rear for f in fits.values()]),
-                  any(f.converged for f in fits.values()), ()), notes
+             "separately", _describe_stiffness(k, np.sqrt(covariance[1, 1]), mean[2],
+                                               covariance[2, 2]), *notes]
+    return TyreCurves(np.array([d, FIXED_SHAPE, k / d / FIXED_SHAPE, mean[2]]),
+                      back @ covariance @ back.T, False,
+                      any(_reaches_bend(v, fits[n].x[2]) for n, v in sessions.items()),
+                      np.concatenate([f.front for f in fits.values()]),
+                      np.concatenate([f.rear for f in fits.values()]),
+                      any(f.converged for f in fits.values()), ()), notes
 
 
-def _fit(c: Curves, notes: list[str], cpu_s: float) -> Fit:
+def _make_fit(c: TyreCurves, notes: list[str], cpu_s: float) -> SubmodelFit:
     std = np.sqrt(np.diag(c.covariance))
-    units = UNITS["tyres"]
+    units = PARAMETER_UNITS["tyres"]
     values = [*c.x[:3], 0.0, c.x[3]]
-    errors = [std[0], std[1] if c.apart else np.inf, std[2], np.inf, std[3]]
-    known = [c.bent, c.apart, c.bent, False, True]
-    entries = {name: Estimate(float(v), float(e), units[name],
-                              bool(k and e < MAX_RELATIVE * abs(v)))
+    errors = [std[0], std[1] if c.shape_separable else np.inf, std[2], np.inf, std[3]]
+    known = [c.reaches_bend, c.shape_separable, c.reaches_bend, False, True]
+    entries = {name: FittedParameter(float(v), float(e), units[name],
+                                     bool(k and e < MAX_TYRE_RELATIVE_STD * abs(v)))
                for name, v, e, k in zip(units, values, errors, known, strict=True)}
     covariance = np.diag(np.where(np.isfinite(errors), 0.0, np.inf))
     inner = c.covariance.copy()
-    if not c.apart:
+    if not c.shape_separable:
         inner[1, 1] = np.inf
     covariance[np.ix_([0, 1, 2, 4], [0, 1, 2, 4])] = inner
-    if not c.bent:
+    if not c.reaches_bend:
         notes = [*notes, "the front's slip stays where its force is a straight line: D and B are "
                  "not identifiable, only their product"]
     notes.append(f"residual {np.sqrt(np.mean(c.front**2)):.3f} N in front, "
                  f"{np.sqrt(np.mean(c.rear**2)):.3f} N behind")
     residual = np.concatenate([c.front, c.rear])
-    return Fit("tyres", entries, covariance, len(residual),
-               float(np.sqrt(np.mean(residual**2))), "N", c.converged, c.stopped, cpu_s,
-               tuple(notes))
+    return SubmodelFit("tyres", entries, covariance, len(residual),
+                       float(np.sqrt(np.mean(residual**2))), "N", c.converged, c.stopped, cpu_s,
+                       tuple(notes))
 
 
-def _bent(parts: Sequence[TyreForces], stiffness: float) -> bool:
+def _reaches_bend(parts: Sequence[TyreForces], stiffness: float) -> bool:
     alpha = np.concatenate([p.alpha_f[p.rows] for p in parts])
-    return bool(np.quantile(np.abs(alpha), 0.98) * stiffness > LINEAR)
+    return bool(np.quantile(np.abs(alpha), 0.98) * stiffness > MIN_BENT_SLIP)
 
 
-def _held(base: Vehicle) -> dict[str, float]:
+def _base_values(base: Vehicle) -> dict[str, float]:
     t = base.tyres
     if isinstance(t, PaperTyres):
-        return {n: float(getattr(t, n)) for n in UNITS["tyres"]}
+        return {n: float(getattr(t, n)) for n in PARAMETER_UNITS["tyres"]}
     front, rear = base.body.front_load, base.body.rear_load
     return {"front_D": t.front_D * front, "front_C": t.front_C, "front_B": t.front_B,
             "front_E": 0.0, "rear_cornering_stiffness": t.rear_D * t.rear_C * t.rear_B * rear}
 
 
-def _range(parts: Sequence[TyreForces]) -> str:
+def _describe_range(parts: Sequence[TyreForces]) -> str:
     front = np.concatenate([p.alpha_f[p.rows] for p in parts])
     behind = np.concatenate([p.alpha_r[p.rows] for p in parts])
     lateral = np.concatenate([np.abs(p.lateral) for p in parts])
@@ -183,7 +210,7 @@ def _range(parts: Sequence[TyreForces]) -> str:
             f"{np.quantile(lateral, 0.99):.1f} m/s2")
 
 
-def _stiffness(front: float, front_std: float, rear: float, rear_variance: float) -> str:
+def _describe_stiffness(front: float, front_std: float, rear: float, rear_variance: float) -> str:
     return (f"stiffness at small slip: front {front:.1f} +- {front_std:.1f} N/rad "
             f"({np.radians(front):.3f} N/deg), rear {rear:.1f} +- {np.sqrt(rear_variance):.1f} "
-            f"N/rad ({np.radians(rear):.3f} N/deg, within {np.degrees(REAR_RANGE):.1f} deg)")
+            f"N/rad ({np.radians(rear):.3f} N/deg, within {np.degrees(MAX_REAR_SLIP):.1f} deg)")
