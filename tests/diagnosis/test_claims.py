@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.config.car import Geometry, SizeErrors
-from dart_hal.vehicle import PAPER
+from dart_hal.vehicle import PAPER, SpeedLoop
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import names
 from dart_hal.vehicle.friction import make_friction
@@ -136,19 +136,24 @@ def test_of_two_confounded_groups_the_deciding_drive_is_stated():
     assert both["Next"].startswith("To distinguish them: coast down straight on. Steps")
 
 
-def test_every_parameter_that_a_refit_moves_is_of_one_group():
-    free = [n for n in names(PAPER) if not n.startswith(("body.", "tyres.front_C"))]
-    of = [sum(n.startswith(g.names) for g in GROUPS.values()) for n in free]
+LOOP_CAR = replace(PAPER, motor=SpeedLoop(gain=8.0, max_force=6.0))
+
+
+@pytest.mark.parametrize(("car", "motor"), [(PAPER, {"motor.d", "motor.e", "motor.g"}),
+                                            (LOOP_CAR, {"motor.gain", "motor.max_force"})])
+def test_every_parameter_that_a_refit_moves_is_of_one_group(car, motor):
+    free = [n for n in names(car) if not n.startswith(("body.", "tyres.front_C"))]
+    of = [sum(bool(g.select((n,))) for g in GROUPS.values()) for n in free]
     assert set(of) <= {0, 1}
-    assert {n for n, k in zip(free, of, strict=True) if k} >= {
-        "friction.a", "motor.d", "steering.s0", "delay.steering_s", "delay.throttle_lag_s",
+    assert {n for n, k in zip(free, of, strict=True) if k} >= motor | {
+        "friction.a", "steering.s0", "delay.steering_s", "delay.throttle_lag_s",
         "tyres.front_D", "tyres.rear_cornering_stiffness"}
 
 
 @pytest.mark.parametrize("group", GROUPS)
-def test_quantities_are_numbers_of_the_paper_car(group):
+def test_quantities_are_numbers_of_a_car_with_such_a_motor(group):
     for unit, quantity in GROUPS[group].quantities.values():
-        assert np.isfinite(quantity(PAPER)), unit
+        assert np.isfinite(quantity(LOOP_CAR if group == "speed loop" else PAPER)), unit
 
 
 def test_the_holding_throttle_is_where_motor_and_friction_are_equal():
@@ -158,6 +163,9 @@ def test_the_holding_throttle_is_where_motor_and_friction_are_equal():
         left = make_motor(PAPER.motor)(throttle, speed) + make_friction(PAPER.friction)(speed)
         assert abs(left) < 0.02, "N; a step of the table is a thousandth of the throttle"
     assert holding_throttle(9.0)(PAPER) == 1.0, "faster than it can drive"
+    command = holding_throttle(1.0)(LOOP_CAR)
+    left = make_motor(LOOP_CAR.motor)(command, 1.0) + make_friction(LOOP_CAR.friction)(1.0)
+    assert abs(left) < 1e-12
 
 
 @pytest.mark.slow

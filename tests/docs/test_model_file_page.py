@@ -10,7 +10,7 @@ import msgspec
 from dart_hal.core.config import ModelFile
 from dart_hal.core.config.model import MODEL_KEYS, MODEL_PARAMETERS
 from dart_hal.vehicle.file import PARAMETER_CLASSES
-from dart_hal.vehicle.parameters import AxleTyres, PaperTyres
+from dart_hal.vehicle.parameters import AxleTyres, Motor, PaperTyres, SpeedLoop
 from dart_lab.pages.model_page import render_model_file
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "model_file.md"
@@ -26,7 +26,8 @@ def test_every_key_of_the_file_is_described():
 
 def test_every_parameter_has_a_row_with_unit_and_meaning():
     lines = render_model_file().splitlines()
-    kinds = [*PARAMETER_CLASSES.items(), ("tyres", PaperTyres), ("tyres", AxleTyres)]
+    kinds = [*PARAMETER_CLASSES.items(), ("tyres", PaperTyres), ("tyres", AxleTyres),
+             ("motor", Motor), ("motor", SpeedLoop)]
     described: dict[str, set[str]] = {}
     for section, kind in kinds:
         for f in fields(kind):

@@ -20,13 +20,14 @@ from dart_hal.vehicle.native.build import Variant, compile_kernel, compiler
 from dart_hal.vehicle.native.call import call
 from dart_hal.vehicle.native.emit import body, source
 from dart_hal.vehicle.native.model import INPUT_NAMES, STATE_NAMES, evaluate_coefficients, record
-from dart_hal.vehicle.parameters import SLIP_FORMS, AxleTyres
+from dart_hal.vehicle.parameters import SLIP_FORMS, AxleTyres, SpeedLoop
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 LAGS = UPSTREAM_2024.delay
 CAPPED = with_values(PAPER, {"tyres.rear_max": 4.0})
+LOOP = SpeedLoop(gain=3.0, max_force=4.0)
 FORMS = {
     **{f"{type(p.tyres).__name__}-{slip}": replace(p, slip=slip, delay=LAGS)
        for p in (PAPER, UPSTREAM_2024) for slip in SLIP_FORMS},
@@ -34,8 +35,11 @@ FORMS = {
     "no-lag": PAPER,
     "kinematic": replace(PAPER, kind="kinematic", delay=LAGS),
     "kinematic-axle": replace(UPSTREAM_2024, kind="kinematic"),
+    "speed-loop": replace(UPSTREAM_2024, motor=LOOP),
+    "kinematic-speed-loop": replace(PAPER, kind="kinematic", motor=LOOP, delay=LAGS),
 }
 FORM = pytest.mark.parametrize("p", FORMS.values(), ids=FORMS)
+MOTOR_KEYS = {"duty": ("d",), "speed": ("gain", "max_force")}
 N = 37
 """More than one vector and no multiple of it."""
 
@@ -54,7 +58,8 @@ def driving(p, n, seed=0, dtype=np.float64):
 def vary_vehicles(p, n, seed=1):
     """n vehicles that differ in every group of parameters."""
     draw = np.random.default_rng(seed)
-    mine = {"body.mass": p.body.mass, "friction.a": p.friction.a, "motor.d": p.motor.d,
+    mine = {"body.mass": p.body.mass, "friction.a": p.friction.a,
+            **{f"motor.{key}": getattr(p.motor, key) for key in MOTOR_KEYS[p.drive]},
             "steering.k_left": p.steering.k_left, "tyres.front_C": p.tyres.front_C}
     if not isinstance(p.tyres, AxleTyres) and math.isfinite(p.tyres.rear_max):
         mine["tyres.rear_max"] = p.tyres.rear_max
@@ -70,7 +75,7 @@ def largest_difference(got, expected):
 
 
 @pytest.mark.slow_except("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",
-                 "1-shared-kinematic")
+                 "1-shared-kinematic", "37-per-car-speed-loop")
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
 @pytest.mark.parametrize("n", [1, N])

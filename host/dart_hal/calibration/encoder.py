@@ -161,7 +161,7 @@ class ConstantThrottle:
         self._since = math.inf
         self._count = counter_of(files)[1]
         self._speed = speed
-        self._per_count = (PAPER.motor.d - PAPER.motor.e * speed) / PAPER.body.mass * (
+        self._per_count = (PAPER.duty_motor.d - PAPER.duty_motor.e * speed) / PAPER.body.mass * (
             self._count / files.config.throttle.span_us)
         self._recent: deque[State] = deque(maxlen=AVERAGED_FRAMES)
 

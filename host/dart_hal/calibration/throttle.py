@@ -269,7 +269,8 @@ def _measure_speed(hold: HoldSpeed, log: SensorLog, target: float, files: CarFil
         log.pairs()
         states = hold(duration, constant)
         speed, acceleration = _fit_motion(log, target, duration, files)
-        force_per_us = (PAPER.motor.d - PAPER.motor.e * speed) / files.config.throttle.span_us
+        motor = PAPER.duty_motor
+        force_per_us = (motor.d - motor.e * speed) / files.config.throttle.span_us
         correction = PAPER.body.mass * acceleration / force_per_us
         pulse = constant - correction
     turning = _tyre_drag(speed, float(np.mean(yaw_rates(states) or [0.0]))) / force_per_us

@@ -38,7 +38,7 @@ class InverseDrive:
 
     def __init__(self, vehicle: Vehicle, correct: Correction | None = None) -> None:
         self._correct = correct
-        self._motor = vehicle.motor
+        self._motor = vehicle.duty_motor
         self.mass = vehicle.body.mass
         self._friction = make_friction(vehicle.friction)
         self.pull = self._motor.d / self.mass

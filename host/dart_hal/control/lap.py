@@ -134,7 +134,7 @@ class _DriveLimits:
 
     def __init__(self, plant: Plant) -> None:
         p = plant.vehicle
-        self._drive = make_drive(p.motor, p.friction)
+        self._drive = make_drive(p.duty_motor, p.friction)
         self._friction = make_friction(p.friction)
         self._mass = p.body.mass
         self._max_throttle = plant.max_throttle

@@ -32,7 +32,7 @@ def vehicle_for(files: CarFiles) -> Vehicle:
     if files.model is not None or band is None:
         return vehicle
     onset = -band.value / files.config.throttle.span_us
-    return replace(vehicle, motor=replace(vehicle.motor, g=onset))
+    return replace(vehicle, motor=replace(vehicle.duty_motor, g=onset))
 
 
 def make_inverse_drive(files: CarFiles) -> InverseDrive:

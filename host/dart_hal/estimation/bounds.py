@@ -75,7 +75,7 @@ class SpeedBounds:
         self._mass = body.mass
         self._wheelbase = body.wheelbase
         self._front_load = body.mass * body.l_r / body.wheelbase
-        self._reverse = vehicle.motor.reverse
+        self._reverse = vehicle.duty_motor.reverse
         self.restart()
 
     def restart(self) -> None:

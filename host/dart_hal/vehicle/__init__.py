@@ -23,6 +23,7 @@ from dart_hal.vehicle.parameters import (
     Friction,
     Motor,
     PaperTyres,
+    SpeedLoop,
     Steering,
     Vehicle,
 )
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
 __all__ = [
     "ARRAY", "GRAVITY", "PAPER", "PAPER_PRINTED", "SCALAR", "SETS", "UPSTREAM_2024",
     "AxleTyres", "Batch", "Body", "Delay", "Friction", "Motor", "Namespace", "PaperTyres",
-    "Steering", "Vehicle", "adapt", "check_monotone", "make_acceleration", "make_car_step",
+    "SpeedLoop", "Steering", "Vehicle", "adapt", "check_monotone", "make_acceleration",
+    "make_car_step",
     "make_dead_band", "make_dynamic", "make_dynamic_step", "make_friction", "make_kinematic",
     "make_kinematic_step", "make_motion_step", "make_motor", "make_motor_gains", "make_slip",
     "make_steering", "make_steering_inverse", "make_tyres", "rollout", "stack", "vehicle_set",

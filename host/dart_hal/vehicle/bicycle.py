@@ -42,7 +42,7 @@ from typing import Any
 from dart_hal.vehicle.compose import apply_parameter_effects, force_hooks
 from dart_hal.vehicle.effect import Forces
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.motor import make_motor_gains
+from dart_hal.vehicle.motor import make_drive_gains, make_force_limit
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.tyres import make_slip, make_tyres, min_slip_divisor
@@ -56,7 +56,7 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
 
     The rates are (x', y', eta', v_x', v_y', omega'). Inputs that are constant over an
     integration step enter as coefficients: the drive (k0, k1, brake) of
-    ``make_motor_gains``, cosine and sine of the road-wheel angle. Accelerations
+    ``make_drive_gains``, cosine and sine of the road-wheel angle. Accelerations
     in body axes are v_x' - omega v_y and v_y' + omega v_x. slip: form of the
     slip angles, None = the vehicle's own. max_rate [1/s]: fastest relaxation of
     v_y and omega, for an integrator of a known step (``integrate.MAX_RELAXATION``);
@@ -72,6 +72,7 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
     share_f = p.body.front_share
     share_r = 1.0 - p.body.front_share
     friction = make_friction(p.friction, f)
+    limit = make_force_limit(p.motor, f)
     least = None if max_rate is None else min_slip_divisor(p.tyres, p.body, f, max_rate)
     angles = make_slip(p.body, f, slip or p.slip, least)
     front, rear = make_tyres(p.tyres, p.body, f)
@@ -80,7 +81,7 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
     def rates(eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value, brake: Value,
               cd: Value, sd: Value) -> Rates:
         alpha_f, alpha_r = angles(vx, vy, om, cd, sd)
-        f_w = k0 - k1 * vx + friction(vx, brake)
+        f_w = limit(k0 - k1 * vx) + friction(vx, brake)
         # 1. forces of each axle in its own frame
         f_xf = share_f * f_w
         f_xr = share_r * f_w
@@ -129,6 +130,7 @@ def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Val
     per_wheelbase = 1.0 / p.body.wheelbase
     per_mass = 1.0 / p.body.mass
     friction = make_friction(p.friction, f)
+    limit = make_force_limit(p.motor, f)
 
     def rates(eta: Value, v: Value, k0: Value, k1: Value, brake: Value,
               td: Value) -> tuple[Value, Value, Value, Value]:
@@ -137,7 +139,7 @@ def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Val
         ce = cos(eta)
         se = sin(eta)
         return (v * ce - vy * se, v * se + vy * ce, om,
-                (k0 - k1 * v + friction(v, brake)) * per_mass)
+                (limit(k0 - k1 * v) + friction(v, brake)) * per_mass)
 
     return rates
 
@@ -146,13 +148,13 @@ def make_acceleration(p: Vehicle, xp: Any = math,
                       slip: str | None = None) -> Callable[..., tuple[Value, Value, Value]]:
     """Return ``acceleration(v_x, v_y, omega, tau, delta) -> (v_x', v_y', omega')``.
 
-    The equations of ``make_dynamic`` with the inputs of the paper: throttle tau -1..1 at the ESC
-    and road-wheel angle delta [rad].
+    The equations of ``make_dynamic`` with the inputs of the paper: throttle tau -1..1 at the ESC,
+    or the commanded speed [m/s] of a speed loop, and road-wheel angle delta [rad].
     """
     f = adapt(xp)
     p = apply_parameter_effects(p)
     rates = make_dynamic(p, f, slip)
-    gains = make_motor_gains(p.motor, f)
+    gains = make_drive_gains(p.motor, f)
 
     def acceleration(vx: Value, vy: Value, om: Value, tau: Value,
                      delta: Value) -> tuple[Value, Value, Value]:

@@ -161,7 +161,8 @@ class Effect:
     """One entry of the catalogue.
 
     title: completes "the car ..." in a report; signed_titles: the same for a first parameter below
-    and above its null, where the two differ; physics: one paragraph; stage: one of STAGES;
+    and above its null, where the two differ; duty_only: has no meaning for a speed loop;
+    physics: one paragraph; stage: one of STAGES;
     acts_along: variables of a drive that it depends on, for pictures; confused_with: effects of
     similar traces; experiment: the drive that separates them. Hooks: ``vehicle(p, *values) -> p``
     changes parameters of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
@@ -179,6 +180,7 @@ class Effect:
     force: Callable[..., Callable[[Forces], Forces]] | None = None
     signals: Mapping[str, Signal] = field(default_factory=dict)
     signed_titles: tuple[str, ...] = ()
+    duty_only: bool = False
     acts_along: tuple[str, ...] = ()
 
     @property

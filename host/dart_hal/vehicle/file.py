@@ -14,17 +14,17 @@ from dart_hal.vehicle.effects import activate, add_effects, find_effect
 from dart_hal.vehicle.flat import PARAMETER_GROUPS as SECTIONS
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.parameters import (
+    MOTOR_FORMS,
     AxleTyres,
     Body,
     Delay,
     Friction,
-    Motor,
     PaperTyres,
     Steering,
     Vehicle,
 )
 
-PARAMETER_CLASSES: dict[str, Any] = {"body": Body, "friction": Friction, "motor": Motor,
+PARAMETER_CLASSES: dict[str, Any] = {"body": Body, "friction": Friction,
                           "steering": Steering, "delay": Delay}
 
 
@@ -36,10 +36,11 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     """
     groups = {name: _read_group(kind, name, model, getattr(base, name, None))
               for name, kind in PARAMETER_CLASSES.items()}
-    others = sorted(set(model.forms) - {"slip"})
+    groups["motor"] = _read_motor(model, base)
+    others = sorted(set(model.forms) - {"slip", "motor"})
     if others:
         raise ConfigError(f"{model.name}: forms has what no equation knows: {', '.join(others)}",
-                          found=", ".join(model.forms), expected="slip",
+                          found=", ".join(model.forms), expected="slip, motor",
                           remedy="leave it out; tyres are by axle when they have rear_D")
     kind = AxleTyres if "rear_D" in model.tyres else PaperTyres
     old = getattr(base, "tyres", None)
@@ -63,8 +64,9 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
             entry = known.get(name, number)
             sections.setdefault(section, {})[key] = entry if plain(entry) == number else number
     effects = tuple(EffectEntry(a.name, sections.pop(a.name)) for a in p.effects)
+    forms = {"slip": p.slip} if p.drive == "duty" else {"slip": p.slip, "motor": p.drive}
     return ModelFile(name=p.name, kind="kinematic" if p.kind == "kinematic" else "dynamic",
-                     forms={"slip": p.slip}, effects=effects,
+                     forms=forms, effects=effects,
                      **sections)  # type: ignore[arg-type]
 
 
@@ -91,6 +93,17 @@ def _list_entries(model: ModelFile) -> dict[str, Parameter]:
     return {f"{name}.{key}": entry for name, table in tables for key, entry in table.items()}
 
 
+def _read_motor(model: ModelFile, base: Vehicle | None) -> Any:
+    """The motor of the form that the file names, else of the base's form, else of duty."""
+    form = model.forms.get("motor", base.drive if base is not None else "duty")
+    if form not in MOTOR_FORMS:
+        raise ConfigError(f"{model.name}: forms.motor = {form!r} is not known", found=repr(form),
+                          expected=" or ".join(MOTOR_FORMS),
+                          remedy="check the spelling in model.toml")
+    same = base is not None and base.drive == form
+    return _read_group(MOTOR_FORMS[form], "motor", model, base.motor if same and base else None)
+
+
 def _read_effects(model: ModelFile) -> list[ActiveEffect]:
     found: dict[str, ActiveEffect] = {}
     for entry in model.effects:
@@ -115,7 +128,8 @@ def _read_group(kind: Any, section: str, model: ModelFile, old: Any) -> Any:
         raise ConfigError(f"{model.name}: {section} has what its form does not know: "
                           f"{', '.join(unknown)}", found=", ".join(given),
                           expected=", ".join(known),
-                          remedy="tyres are of one form: the paper's or, with rear_D, by axle")
+                          remedy="tyres are of one form: the paper's or, with rear_D, by axle; "
+                                 'a motor has gain and max_force with forms.motor = "speed"')
     if old is not None:
         return replace(old, **given)
     missing = [n for n, f in known.items() if n not in given and f.default is MISSING]

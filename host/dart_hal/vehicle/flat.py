@@ -188,7 +188,7 @@ def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle
         if form(v) != form(first):
             raise UsageError("vehicles of different equations do not run in one batch",
                              found=f"{form(v)} and {form(first)}",
-                             expected="the same kind, slip angles and tyre form")
+                             expected="the same kind, slip angles, motor and tyre form")
 
     def stacked_value(name: str) -> Value:
         numbers = [value(v, name) for v in vehicles]
@@ -199,7 +199,9 @@ def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle
 
 def form(p: Vehicle) -> str:
     """Describe the equations of a vehicle: "dynamic, PaperTyres, all_speeds, grip"."""
-    return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *(a.name for a in p.effects)))
+    loop = () if p.drive == "duty" else (type(p.motor).__name__,)
+    return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *loop,
+                      *(a.name for a in p.effects)))
 
 
 def _find_parameter(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from dart_hal.core.errors import ConfigError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 
 GRAVITY = 9.81  # m/s2, in every figure of this project
@@ -139,6 +139,17 @@ class Motor(BoundedParameters):
 
 
 @dataclass(frozen=True, slots=True)
+class SpeedLoop(BoundedParameters):
+    """F = clip(gain (u - v), -max_force, max_force); u: commanded speed [m/s].
+
+    The bounds keep gain / mass below 120 1/s, which is stable in every integration step.
+    """
+
+    gain: float = force("N s/m", 0.1, 200.0, "force per m/s below the commanded speed")
+    max_force: float = force("N", 0.1, 200.0, "largest force of the motor, either way")
+
+
+@dataclass(frozen=True, slots=True)
 class Steering(BoundedParameters):
     """Steering map of the paper: amplitudes [rad] and gains, left and right."""
 
@@ -207,6 +218,9 @@ class AxleTyres(BoundedParameters):
 
 MODEL_KINDS = ("dynamic", "kinematic")
 SLIP_FORMS = ("all_speeds", "paper", "upstream")
+# What the throttle of a vehicle is, and the parameters of the motor that it commands: a duty cycle
+# -1..1 at the ESC, or a speed [m/s] at a controller such as a VESC.
+MOTOR_FORMS: dict[str, type[Motor] | type[SpeedLoop]] = {"duty": Motor, "speed": SpeedLoop}
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +235,7 @@ class Vehicle:
     name: str
     body: Body
     friction: Friction
-    motor: Motor
+    motor: Motor | SpeedLoop
     steering: Steering
     tyres: PaperTyres | AxleTyres
     delay: Delay = field(default_factory=Delay)
@@ -236,3 +250,35 @@ class Vehicle:
                 raise ConfigError(f"Vehicle.{name} = {value!r} is not known",
                                   found=repr(value), expected=" or ".join(known),
                                   remedy="check the spelling in model.toml")
+        for applied in self.effects:
+            if applied.effect.duty_only and self.drive != "duty":
+                raise ConfigError(
+                    f"the effect {applied.name} has no meaning for a motor with a speed loop",
+                    found=f"{self.name}: forms.motor = \"speed\" with {applied.name}",
+                    expected="an effect that also acts on a speed loop",
+                    remedy=f"remove {applied.name} from [[effects]]")
+
+    @property
+    def drive(self) -> str:
+        """Meaning of the throttle: "duty" (-1..1 at the ESC) or "speed" (commanded, m/s)."""
+        return "speed" if isinstance(self.motor, SpeedLoop) else "duty"
+
+    @property
+    def duty_motor(self) -> Motor:
+        """The motor of a duty command. Raises UsageError for a speed loop."""
+        return require_duty(self.motor, self.name)
+
+
+def require_duty(motor: Motor | SpeedLoop, name: str = "") -> Motor:
+    """Return the motor if a duty commands it; name: of the model, for the message.
+
+    Raises UsageError for a speed loop.
+    """
+    if isinstance(motor, SpeedLoop):
+        raise UsageError(
+            "a speed loop cannot be used here, only a motor of duty",
+            found=f"model {name} with forms.motor = \"speed\"".replace("  ", " "),
+            expected="a model whose motor has d, e and g",
+            remedy="use a model of a duty motor; rollouts, identify all --joint, evaluate and "
+                   "diagnose take speed loops")
+    return motor

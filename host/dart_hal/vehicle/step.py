@@ -30,7 +30,7 @@ from dart_hal.vehicle.integrate import (
     make_kinematic_midpoint,
     make_kinematic_step,
 )
-from dart_hal.vehicle.motor import make_motor_gains
+from dart_hal.vehicle.motor import make_drive_gains
 from dart_hal.vehicle.namespace import Namespace, Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
@@ -51,9 +51,9 @@ def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,
     """Return ``step(x, y, eta, v_x, v_y, omega, tau, s, tau_command, s_command) -> state``.
 
     State of the centre of mass [m, rad, m/s, rad/s], then throttle tau and steering s at the
-    outputs of the actuators (-1..1, they lag behind the commands, which are constant over dt
-    [s]). The caller applies pure delays: they are a queue of commands, not an equation. Raises
-    UsageError for an unknown method.
+    outputs of the actuators (-1..1; tau of a speed loop in m/s; they lag behind the commands, which
+    are constant over dt [s]). The caller applies pure delays: they are a queue of commands, not an
+    equation. Raises UsageError for an unknown method.
     """
     f = adapt(xp)
     p = apply_parameter_effects(p)
@@ -83,8 +83,8 @@ def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: i
                      method: str = "rk4") -> Callable[..., State6]:
     """Return ``step(x, y, eta, v_x, v_y, omega, tau, delta) -> state`` after substeps * dt [s].
 
-    tau: throttle after gate, delay and lag; delta [rad]: road-wheel angle; both constant.
-    Raises UsageError for an unknown method.
+    tau: throttle, or commanded speed, after gate, delay and lag; delta [rad]: road-wheel angle;
+    both constant. Raises UsageError for an unknown method.
     """
     f = adapt(xp)
     p = apply_parameter_effects(p)
@@ -117,7 +117,7 @@ def _make_parts(p: Vehicle, f: Namespace, method: str, dt: Value
     """Return (tau, delta) -> inputs of the rates, the integrator, and if the car is kinematic."""
     if method not in METHODS:
         raise UsageError(f"no integration method {method!r}", expected=", ".join(METHODS))
-    gains = make_motor_gains(p.motor, f)
+    gains = make_drive_gains(p.motor, f)
     sin = f.sin
     cos = f.cos
     tan = f.tan

@@ -16,8 +16,9 @@ from dart_hal.car.runs import read_run
 from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
-from dart_hal.vehicle.effects import catalogue, find_effect
+from dart_hal.vehicle.effects import catalogue, find_effect, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.drive_form import check_drive
 from dart_lab.report.numbers import shorten_list
 
 from .evidence.agreement import check_model, check_units, drop_dead_gyro
@@ -63,10 +64,11 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
 
     test empty: stretches of each training recording are held out, ``test_share`` of it. fitted_to:
     SHA-256 of the files that the model was fitted to. Errors: UsageError for
-    recordings in both sets, RecordingError where nothing can be diagnosed,
-    OtherCar for a model that steers the other way.
+    recordings in both sets or a motor of another form, RecordingError where nothing can be
+    diagnosed, OtherCar for a model that steers the other way.
     """
     refuse_overlap(train, test)
+    check_drive([*train, *test], p)
     notes: list[str] = []
     sets = [_drop_copies(part, notes) for part in (train, test)]
     for r in (*sets[0], *sets[1]):
@@ -88,8 +90,16 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     if seconds < policy.small_train_s:
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be found. "
                      "Record a minute or more")
+    notes += list_excluded_effects(p)
     notes += warn_fitted_before(sets[1], fitted_to)
     return Inputs(tuple(sets[0]), tuple(sets[1]), tuple(notes))
+
+
+def list_excluded_effects(p: Vehicle) -> list[str]:
+    """Return a note of the effects that are no candidates because the motor has a speed loop."""
+    excluded = [name for name, one in catalogue().items() if not is_applicable(one, p)]
+    return [f"not candidates, because the motor has a speed loop: {', '.join(excluded)}"
+            ] if excluded else []
 
 
 def list_frame_notes(recordings: Sequence[Recording]) -> list[str]:

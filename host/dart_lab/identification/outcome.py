@@ -18,6 +18,7 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.sizes import CAR_FILE, list_stated_errors
+from dart_lab.identification.drive_form import with_drive_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.mass import average_mass, note_unweighed, replace_mass
 from dart_lab.identification.report import FileReport, Published
@@ -155,14 +156,16 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
     """Fit all sub-models together to rollouts, from the recordings with motion capture.
 
     recordings, skipped: as ``read_any`` gives them. The standard errors of the base are its
-    prior, unless it was identified from some of these recordings. Raises RecordingError if no
-    recording can be predicted.
+    prior, unless it was identified from some of these recordings. A base of duty
+    gets a speed loop where the recordings have speed commands. Raises RecordingError if no
+    recording can be predicted, UsageError for a motor of another form than the recordings.
     """
     from dart_lab.identification.shooting import fit_from_recordings
 
     mass = average_mass(recordings)
     if mass is not None:
         base = _with_body(base, {"mass": mass})
+    base = with_drive_of(base, recordings, names)
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
                                               progress, _prior_errors(base, recordings))
     used = {str(r.path): (r, g) for r, g in grids}

@@ -125,12 +125,15 @@ def write(written: WrittenModel, path: Path) -> Path | None:
 def _insert_fit(model: ModelFile, section: str, fit: SubmodelFit) -> ModelFile:
     entries = {key: _entry(e.value, e.std) for key, e in fit.parameters.items()
                if key in MODEL_PARAMETERS[section]}
-    other_form = section == "tyres" and ("rear_D" in model.tyres) != ("rear_D" in entries)
-    kept = {} if other_form else dict(getattr(model, section))
+    other_tyres = section == "tyres" and ("rear_D" in model.tyres) != ("rear_D" in entries)
+    other_motor = section == "motor" and ("gain" in model.motor) != ("gain" in entries)
+    kept = {} if other_tyres or other_motor else dict(getattr(model, section))
     changes: dict[str, Any] = {section: kept | entries}
-    if other_form:
+    if other_tyres:
         # The form of the slip angles belonged to the replaced tyres.
         changes["forms"] = {k: v for k, v in model.forms.items() if k != "slip"}
+    if other_motor:
+        changes["forms"] = {**model.forms, "motor": "speed" if "gain" in entries else "duty"}
     covariance = {key: table for key, table in model.covariance.items()
                   if not any(name.startswith(f"{section}.") for name in table.names)}
     if np.all(np.isfinite(fit.covariance)):

@@ -13,6 +13,8 @@ Each entry is one physical cause that a base model lacks. The simulator injects 
 diagnosis looks for it, an extended `model.toml` contains it. At its null value an effect changes
 no bit of the result. Several effects act in the order of the stages below, not in that of their
 names in a file. Effects on forces need tyres: the kinematic bicycle has none and does not change.
+Those on pulses, duty cycle and battery are refused for a motor with a speed loop
+([drive forms](car-files.md#drive-forms)); the diagnosis does not try them there.
 
 ```toml
 [[effects]]
@@ -55,7 +57,8 @@ def render_effect(effect: Effect) -> str:
     """Return the section of an effect: physics, equation, parameters, distinguishing drive."""
     rows = "\n".join(map(_render_row, effect.parameters))
     confounders = ", ".join(f"[{name}](#{name})" for name in effect.confused_with)
-    physics = textwrap.fill(f"The car {effect.title}. {effect.physics}", LINE_WIDTH)
+    limit = " Not for a motor with a speed loop." if effect.duty_only else ""
+    physics = textwrap.fill(f"The car {effect.title}. {effect.physics}{limit}", LINE_WIDTH)
     experiment = textwrap.fill(f"To distinguish them: {effect.experiment}", LINE_WIDTH)
     return f"""### {effect.name}
 

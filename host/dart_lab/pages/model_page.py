@@ -9,7 +9,7 @@ from typing import Any
 
 from dart_hal.core.config.model import MODEL_KEYS
 from dart_hal.vehicle.file import PARAMETER_CLASSES
-from dart_hal.vehicle.parameters import REFERENCE_MASS, AxleTyres, PaperTyres
+from dart_hal.vehicle.parameters import REFERENCE_MASS, AxleTyres, Motor, PaperTyres, SpeedLoop
 
 HEAD = f"""# Keys of model.toml
 
@@ -47,7 +47,14 @@ delta = w a_left tanh(k_left c) + (1 - w) a_right tanh(k_right c).
 """,
     "tyres": """One of two forms. The form by axle is used where the file has `rear_D`. Slip angles
 are in rad; published values per degree are multiplied by 180/pi.
+""",
+    "motor": """One of two [drive forms](car-files.md#drive-forms), which `forms.motor` names.
 """}
+# Sections of several forms: title and class of each.
+SECTION_FORMS: dict[str, dict[str, Any]] = {
+    "motor": {"duty: the throttle is a duty cycle": Motor,
+              "speed: the throttle is a commanded speed": SpeedLoop},
+    "tyres": {"The form of the paper": PaperTyres, "By axle": AxleTyres}}
 
 
 def render_model_file() -> str:
@@ -56,9 +63,10 @@ def render_model_file() -> str:
                               for key, (kind, meaning) in MODEL_KEYS.items()) + "\n"]
     for section, kind in PARAMETER_CLASSES.items():
         parts += [f"## {section}\n", _describe(kind), NOTES.get(section, ""), _table(kind)]
-    parts += ["## tyres\n", NOTES["tyres"]]
-    for title, kind in (("The form of the paper", PaperTyres), ("By axle", AxleTyres)):
-        parts += [f"### {title}\n", _describe(kind), _table(kind)]
+    for section, forms in SECTION_FORMS.items():
+        parts += [f"## {section}\n", NOTES[section]]
+        for title, kind in forms.items():
+            parts += [f"### {title}\n", _describe(kind), _table(kind)]
     parts += ["## effects\n",
               "The names of effects, their parameters, units and bounds are those of the "
               "[catalogue](effects.md).\n"]

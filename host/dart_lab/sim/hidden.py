@@ -143,6 +143,7 @@ def _draw_steering(rng: np.random.Generator) -> Steering:
 
 def _draw_vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Vehicle:
     base = PAPER
+    motor = base.duty_motor
     assert isinstance(base.tyres, PaperTyres)
 
     def draw(value: float, part: float) -> float:
@@ -154,8 +155,8 @@ def _draw_vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Ve
         name=name, body=body, steering=steering,
         friction=replace(base.friction, a=draw(base.friction.a, 0.08),
                          c=draw(base.friction.c, 0.1)),
-        motor=replace(base.motor, d=draw(base.motor.d, 0.05), e=draw(base.motor.e, 0.05),
-                      g=draw(base.motor.g, 0.05)),
+        motor=replace(motor, d=draw(motor.d, 0.05), e=draw(motor.e, 0.05),
+                      g=draw(motor.g, 0.05)),
         tyres=replace(_with_rear_limit(base.tyres, body.rear_load),
                       front_D=draw(base.tyres.front_D, 0.1),
                       front_B=draw(base.tyres.front_B, 0.1),

@@ -42,7 +42,7 @@ class SignalEffects:
         self._throttle = Stepper(p, "throttle", dt)
         self._wheel, self._gyro, self._accel = (
             Stepper(p, channel, dt) for channel in ("wheel", "gyro", "accel"))
-        self._drive = make_drive(p.motor, p.friction)
+        self._drive = make_drive(p.duty_motor, p.friction)
         self._per_turn = 1.0 / car.gear_revolution
         self._turns = 0.0
         self._dt = dt

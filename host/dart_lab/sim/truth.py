@@ -138,7 +138,7 @@ def _describe_vehicle(car: HiddenCar) -> dict[str, Any]:
 
 
 def _describe_sensors(car: HiddenCar) -> dict[str, Any]:
-    onset = -car.vehicle.motor.g * car.esc.saturation_us
+    onset = -car.vehicle.duty_motor.g * car.esc.saturation_us
     return {
         "pwm.oscillator_hz": car.oscillator_hz,
         "steering.backlash": car.servo.backlash,

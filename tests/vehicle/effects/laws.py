@@ -20,6 +20,7 @@ from dart_hal.vehicle.parameters import (
     Friction,
     Motor,
     PaperTyres,
+    SpeedLoop,
     Steering,
     Vehicle,
 )
@@ -45,9 +46,9 @@ LINEAR_CAR = replace(ROUND_CAR, tyres=PaperTyres(100.0, 0.8, 0.5, 0.0, 20.0))
 """F_yf = 100 sin(0.8 atan(alpha / 2)), which is 40 N/rad alpha to 5e-5 of it at 0.02 rad."""
 SHARP_CAR = replace(ROUND_CAR, tyres=PaperTyres(20.0, 2.0, 10.0, 0.0, 20.0))
 """Its front tyres have their largest force, 20 N, at 0.1 rad and less beyond."""
-LAW_CARS = {"round": ROUND_CAR, "sharp": SHARP_CAR, "axle": AXLE_CAR, "linear": LINEAR_CAR,
-            "paper": PAPER,
-            "upstream": UPSTREAM_2024}
+LOOP_CAR = replace(ROUND_CAR, motor=SpeedLoop(gain=8.0, max_force=12.0))
+LAW_CARS = {"round": ROUND_CAR, "loop": LOOP_CAR, "sharp": SHARP_CAR, "axle": AXLE_CAR,
+            "linear": LINEAR_CAR, "paper": PAPER, "upstream": UPSTREAM_2024}
 
 DELTA = math.atan2(0.6, 0.8)
 LEFT = {"cos_d": 0.8, "sin_d": 0.6}
@@ -407,6 +408,8 @@ PARAMETER_LAWS = (
     Law("motor_deadband", {"k": -0.05}, {}, {"motor.g": -0.1}),
     Law("motor_gain", {"k": 0.25}, {}, {"motor.d": 37.5, "motor.e": 7.5}),
     Law("motor_gain", {"k": -0.25}, {}, {"motor.d": 22.5, "motor.e": 4.5}),
+    Law("motor_gain", {"k": 0.25}, {}, {"motor.gain": 10.0, "motor.max_force": 15.0}, "loop"),
+    Law("motor_gain", {"k": -0.25}, {}, {"motor.gain": 6.0, "motor.max_force": 9.0}, "loop"),
     Law("quadratic_drag", {"k": 0.5}, {}, {"friction.q": 0.6}),
     Law("rolling_resistance", {"k": 0.5}, {}, {"friction.a": 2.0}),
     Law("rolling_resistance", {"k": -0.5}, {}, {"friction.a": 1.0}),

@@ -35,7 +35,7 @@ def make_planning_vehicle(plant: Plant) -> Vehicle:
 def input_ranges(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ranges of throttle, from the dead band on, and of steering, up to the stops."""
     low, high = (plant.command_of(angle) for angle in plant.lock)
-    onset = -apply_parameter_effects(plant.vehicle).motor.g
+    onset = -apply_parameter_effects(plant.vehicle).duty_motor.g
     return (onset, max(plant.max_throttle, onset + MIN_THROTTLE_RANGE)), (low, high)
 
 

@@ -107,7 +107,7 @@ class MpcPlanner(ABC, Generic[PlanT]):
                  limits: MpcLimits | None) -> None:
         self.vehicle = apply_parameter_effects(vehicle)
         self.speed_of = speed_of
-        self.limits = limits or MpcLimits(tau=(-vehicle.motor.g, 1.0))
+        self.limits = limits or MpcLimits(tau=(-vehicle.duty_motor.g, 1.0))
         self.reference = PathReference(path)
         self.corridor = Corridor(self.limits.lane, path.length if path.closed else inf)
         self.budget = inf

@@ -21,7 +21,7 @@ Parameters = dict[str, Parameter]
 MODEL_PARAMETERS: dict[str, tuple[str, ...]] = {
     "body": ("wheelbase", "l_f", "l_r", "mass", "yaw_inertia", "front_share"),
     "friction": ("a", "b", "c", "q"),
-    "motor": ("d", "e", "g", "reverse"),
+    "motor": ("d", "e", "g", "reverse", "gain", "max_force"),
     "steering": ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"),
     "delay": ("steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s"),
     "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness", "rear_max",
@@ -42,7 +42,8 @@ MODEL_KEYS: dict[str, tuple[str, str]] = {
     "delay": ("table", "delays and lags of both commands"),
     "tyres": ("table", "side forces of the tyres"),
     "forms": ("table of texts", "variants of the equations: `slip` = `all_speeds`, `paper` or "
-              "`upstream`, the form of the slip angles"),
+              "`upstream`, the form of the slip angles; `motor` = `duty` or `speed`, what commands "
+              "the motor"),
     "speed_loop": ("table of numbers", "numbers of a speed loop of your own; kept and not used"),
     "effects": ("list of tables", "what the car has beyond the base model: `name` of an effect and "
                 "its `parameters`"),
@@ -70,7 +71,8 @@ class Covariance(FileTable, frozen=True):
 class ModelFile(FileTable, frozen=True, kw_only=True):
     """A vehicle model as a file: parameters by section, effects in the order of application.
 
-    ``forms``: variants of the equations, such as "slip" (``vehicle.tyres.make_slip``);
+    ``forms``: variants of the equations, such as "slip" (``vehicle.tyres.make_slip``)
+    and "motor" ("duty" or "speed", ``vehicle.motor``);
     ``speed_loop``: gains of ``drive_speed``; ``provenance``: hashes of the data, command.
     """
 

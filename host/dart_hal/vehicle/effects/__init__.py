@@ -91,6 +91,11 @@ def find_effect(name: str) -> Effect:
                      remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
 
 
+def is_applicable(item: Effect, p: Vehicle) -> bool:
+    """Return whether an effect has a meaning for the motor of a vehicle."""
+    return p.drive == "duty" or not item.duty_only
+
+
 def activate(item: Effect, values: Mapping[str, Value]) -> ActiveEffect:
     """Return an effect with values by parameter, null where not given; floats or arrays (n,).
 

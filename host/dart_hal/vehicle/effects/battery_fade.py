@@ -19,7 +19,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 
 def fade_throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
-    band = make_dead_band(p.motor.g, f)
+    band = make_dead_band(p.duty_motor.g, f)
 
     def signal(v: Value, now: Now) -> Value:
         effective = band(v) - band(-v)
@@ -37,6 +37,7 @@ EFFECT = Effect(
         "resistance of its winding rises. The force falls in proportion to time, for every "
         "throttle."),
     stage="actuator",
+    duty_only=True,
     acts_along=("time", "throttle"),
     parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
                           meaning="change of the motor force in 100 s of driving"),),

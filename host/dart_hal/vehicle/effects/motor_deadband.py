@@ -12,7 +12,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return replace_unchecked(p, {"motor": {"g": p.motor.g - k}})
+    return replace_unchecked(p, {"motor": {"g": p.duty_motor.g - k}})
 
 
 EFFECT = Effect(
@@ -25,6 +25,7 @@ EFFECT = Effect(
         "The neutral of the ESC drifts with temperature and depends on how it was calibrated. "
         "Brushes and gears stick until the torque is large enough."),
     stage="actuator",
+    duty_only=True,
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", -0.1, 0.1, sizes=(0.005, 0.01, 0.02),
                           meaning="additional throttle at which the motor begins to pull"),),

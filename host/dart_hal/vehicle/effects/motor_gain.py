@@ -1,6 +1,8 @@
 """Motor gain: all forces of the motor are larger or smaller by the same factor.
 
     F_m = (1 + k) (d - e v) T(tau)      one k for each recording
+
+The forces of a speed loop are scaled in the same way: its gain and its largest force.
 """
 
 from __future__ import annotations
@@ -8,11 +10,15 @@ from __future__ import annotations
 from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.parameters import SpeedLoop, Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return replace_unchecked(p, {"motor": {"d": p.motor.d * (1.0 + k), "e": p.motor.e * (1.0 + k)}})
+    scale = 1.0 + k
+    if isinstance(p.motor, SpeedLoop):
+        return replace_unchecked(p, {"motor": {"gain": p.motor.gain * scale,
+                                               "max_force": p.motor.max_force * scale}})
+    return replace_unchecked(p, {"motor": {"d": p.motor.d * scale, "e": p.motor.e * scale}})
 
 
 EFFECT = Effect(

@@ -26,6 +26,7 @@ EFFECT = Effect(
         "The ESC limits its current, or an end point of the radio's throttle was calibrated too "
         "low."),
     stage="actuator",
+    duty_only=True,
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", 0.0, 20.0, sizes=(2.8, 3.3, 4.0),
                           meaning="inverse of the throttle above which the force is constant"),),

@@ -43,6 +43,7 @@ EFFECT = Effect(
         "every pulse: the neutral of the servo moves to the left and that of the motor "
         "forwards, together."),
     stage="command",
+    duty_only=True,
     acts_along=("throttle", "steering_angle"),
     parameters=(Parameter("k", "relative", -0.05, 0.05, sizes=(0.002, 0.005, 0.01),
                           meaning="excess length of the pulses"),),

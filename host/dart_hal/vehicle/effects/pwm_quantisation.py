@@ -39,6 +39,7 @@ EFFECT = Effect(
         "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us, which is 0.013 of the steering "
         "command. A driver that truncates to whole counts lowers the mean by half a step."),
     stage="command",
+    duty_only=True,
     acts_along=("steering_angle",),
     parameters=(
         Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052),

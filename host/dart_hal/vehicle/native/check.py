@@ -19,7 +19,7 @@ from dart_hal.vehicle.native.build import CannotCompile, Variant
 from dart_hal.vehicle.native.call import align_coefficients, call
 from dart_hal.vehicle.native.library import Run
 from dart_hal.vehicle.native.model import STATE_NAMES, STEP_FACTORIES, Traced, coefficients
-from dart_hal.vehicle.parameters import AxleTyres, Vehicle
+from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 CHECK_STEP_S = 0.01
@@ -29,6 +29,8 @@ CHECK_SUBSTEPS = 2
 CHECKED_CARS = 19
 # Largest difference by number of bits, relative to the value or to 1, whichever is larger.
 TOLERANCE = {64: 1e-12, 32: 1e-4}
+# Weak enough that the commands of VALUE_RANGES reach its limit in some cars and not in others.
+REFERENCE_LOOP = SpeedLoop(gain=3.0, max_force=4.0)
 VALUE_RANGES = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5,
                 "s": 1.0, "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
 
@@ -71,10 +73,11 @@ def disagreement(got: Any, reference: Any) -> float:
 def make_reference_vehicle(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
     """A vehicle of that form with the numbers of a shipped set; in lanes a little varied."""
     tyres = UPSTREAM_2024.tyres if isinstance(form.tyres, AxleTyres) else PAPER.tyres
+    motor = REFERENCE_LOOP if isinstance(form.motor, SpeedLoop) else UPSTREAM_2024.motor
     effects = tuple(ActiveEffect(a.effect, tuple(q.null + q.sizes[0] for q in a.effect.parameters))
                     for a in form.effects)
     # None of its parameters is 0, which would hide a term.
-    known = replace(UPSTREAM_2024, tyres=tyres, effects=effects)
+    known = replace(UPSTREAM_2024, motor=motor, tyres=tyres, effects=effects)
 
     def varied_value(name: str) -> Any:
         if name == "tyres.rear_max":

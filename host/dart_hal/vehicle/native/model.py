@@ -93,7 +93,7 @@ def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, .
 def form_of(p: Vehicle) -> Vehicle:
     """A vehicle with the equations of p and no numbers of its own, to be a key."""
     slip = "all_speeds" if p.kind == "kinematic" else p.slip  # the tyres have no part in it
-    key = p.kind, slip, type(p.tyres), tuple(a.effect for a in p.effects)
+    key = p.kind, slip, type(p.tyres), p.drive, tuple(a.effect for a in p.effects)
     if key not in _FORM_CACHE:
         _FORM_CACHE[key] = bind(replace(p, name="", slip=slip), lambda name: 0.0)
     return _FORM_CACHE[key]
@@ -101,9 +101,10 @@ def form_of(p: Vehicle) -> Vehicle:
 
 def slug(p: Vehicle) -> str:
     """The equations as a part of a C name."""
+    drive = "" if p.drive == "duty" else f"_{p.drive}"
     if p.kind == "kinematic":
-        return "kinematic"
-    return f"dynamic_{'paper' if isinstance(p.tyres, PaperTyres) else 'axle'}_{p.slip}"
+        return f"kinematic{drive}"
+    return f"dynamic_{'paper' if isinstance(p.tyres, PaperTyres) else 'axle'}_{p.slip}{drive}"
 
 
 def coefficients(traced: Traced, p: Vehicle, dt: float, lanes: int = 0) -> Any:

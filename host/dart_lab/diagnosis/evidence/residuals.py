@@ -33,7 +33,7 @@ from dart_hal.vehicle.channels import split_final_delay
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.effect import ActiveEffect, Effect
-from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.parameters import Motor, Vehicle
 from dart_lab.identification.prediction.actuators import (
     apply_command_effects,
     behind_actuator,
@@ -441,7 +441,8 @@ def _effects_on(p: Vehicle, channels: frozenset[str]) -> tuple[ActiveEffect, ...
 def throttle_key(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:
     """Return what the output of the throttle actuator depends on; q: p with its effects."""
     on = _effects_on(p, THROTTLE)
-    return (q.delay.throttle_s, q.delay.throttle_lag_s, on and q.motor.g, on)
+    dead_band = q.motor.g if isinstance(q.motor, Motor) else 0.0
+    return (q.delay.throttle_s, q.delay.throttle_lag_s, on and dead_band, on)
 
 
 def steering_key(p: Vehicle, q: Vehicle) -> tuple[Hashable, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from types import MappingProxyType
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
-from dart_hal.vehicle.parameters import GRAVITY, Vehicle
+from dart_hal.vehicle.parameters import GRAVITY, SpeedLoop, Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_tyres
 
@@ -27,7 +28,7 @@ Quantity = Callable[[Vehicle], float]
 class ParameterGroup:
     """Parameters of one part of the car.
 
-    title: the part; names: parameters of the model, or beginnings of them; quantities: (unit,
+    title: the part; names: parameters of the model, or patterns of them; quantities: (unit,
     function of the vehicle) by its name in the workshop; experiment: the drive that distinguishes
     the group from its confounders.
     """
@@ -39,7 +40,7 @@ class ParameterGroup:
 
     def select(self, free: Sequence[str]) -> tuple[str, ...]:
         """Return those of some parameters that belong to the group."""
-        return tuple(n for n in free if n.startswith(self.names))
+        return tuple(n for n in free if any(fnmatchcase(n, pattern) for pattern in self.names))
 
 
 def _resistance(speed: float) -> Quantity:
@@ -53,16 +54,24 @@ def _motor_force(throttle: float, speed: float) -> Quantity:
 def holding_throttle(speed: float) -> Quantity:
     """Return the throttle at which the motor force equals the friction, straight on.
 
+    Of a speed loop it is the commanded speed [m/s].
+
     The speed that a throttle holds would be ill-conditioned: where force and friction are nearly
     equal over a range of speeds, 0.01 N changes that speed by 1 m/s.
     """
     def quantity(p: Vehicle) -> float:
         q = apply_parameter_effects(p)
         resistance = -float(make_friction(q.friction)(speed))
+        if isinstance(q.motor, SpeedLoop):
+            return speed + resistance / float(q.motor.gain)
         force = make_motor(q.motor, np)(THROTTLES, np.full_like(THROTTLES, speed))
         return float(np.interp(resistance, np.maximum.accumulate(force), THROTTLES))
 
     return quantity
+
+
+def _loop_value(name: str) -> Quantity:
+    return lambda p: float(getattr(apply_parameter_effects(p).motor, name))
 
 
 def _angle(command: float) -> Quantity:
@@ -102,37 +111,43 @@ def _size(key: str) -> Quantity:
 
 GROUPS: Mapping[str, ParameterGroup] = MappingProxyType({
     "friction": ParameterGroup(
-        "friction", ("friction.",),
+        "friction", ("friction.*",),
         {"resistance at 1 m/s": ("N", _resistance(1.0)),
          "resistance at 2 m/s": ("N", _resistance(2.0))},
         "Coast down straight on from several speeds, throttle 0: friction alone acts."),
     "motor": ParameterGroup(
-        "motor", ("motor.",),
+        "motor", ("motor.[deg]",),
         {"pull at throttle 0.25, standing": ("N", _motor_force(USUAL_THROTTLE, 0.0)),
          "pull at throttle 0.25, 2 m/s": ("N", _motor_force(USUAL_THROTTLE, 2.0))},
         "Steps of the throttle from standstill to several levels, straight on: the first "
         "acceleration is the motor's."),
+    "speed loop": ParameterGroup(
+        "speed loop of the motor", ("motor.gain", "motor.max_force"),
+        {"force per m/s below the command": ("N s/m", _loop_value("gain")),
+         "largest force": ("N", _loop_value("max_force"))},
+        "Steps of the commanded speed, straight on, small ones for the gain and large ones for the "
+        "largest force."),
     "steering map": ParameterGroup(
-        "steering map", ("steering.",),
+        "steering map", ("steering.*",),
         {"angle at full lock left": ("deg", _angle(1.0)), "angle straight on": ("deg", _angle(0.0)),
          "angle at full lock right": ("deg", _angle(-1.0))},
         "Slow circles (below 1 m/s2 to the side) at several commands, left and right."),
     "steering timing": ParameterGroup(
-        "time from steering command to wheel", ("delay.steering",),
+        "time from steering command to wheel", ("delay.steering*",),
         {"delay and lag": ("ms", _total_delay("steering"))},
         "Steps of the steering at constant speed with commands logged at 100 Hz: at 10 Hz their "
         "age is not known."),
     "throttle timing": ParameterGroup(
-        "time from throttle to pull", ("delay.throttle",),
+        "time from throttle to pull", ("delay.throttle*",),
         {"delay and lag": ("ms", _total_delay("throttle"))},
         "Steps of the throttle straight on with commands logged at 100 Hz."),
     "front tyre": ParameterGroup(
-        "front tyres", ("tyres.front",),
+        "front tyres", ("tyres.front*",),
         {"peak side force over load": ("-", _peak_grip(0)),
          "initial cornering stiffness": ("N/rad", _stiffness(0))},
         "Circles of one command with rising speed until the front slides."),
     "rear tyre": ParameterGroup(
-        "rear tyres", ("tyres.rear",),
+        "rear tyres", ("tyres.rear*",),
         {"initial cornering stiffness": ("N/rad", _stiffness(1))},
         "Steps of the steering at 1.5 m/s and more: how far the rear swings out."),
     "wheelbase": ParameterGroup(
@@ -159,6 +174,10 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
             "drive force", "drive force (motor and friction)",
             {"throttle that holds 1 m/s": ("-", holding_throttle(1.0)),
              "pull at throttle 0.25, standing": ("N", _motor_force(USUAL_THROTTLE, 0.0))}),
+        frozenset({"friction", "speed loop"}): (
+            "speed loop and friction", "drive force (speed loop and friction)",
+            {"command that holds 1 m/s": ("m/s", holding_throttle(1.0)),
+             "force per m/s below the command": ("N s/m", _loop_value("gain"))}),
         frozenset({"front tyre", "rear tyre"}): (
             "tyres", "front and rear tyres",
             {"peak side force over load, front": ("-", _peak_grip(0)),

@@ -257,4 +257,4 @@ def dispersion(point: Point, unit: IntArray) -> float:
 
 
 def _has_group(name: str) -> bool:
-    return any(name.startswith(g.names) for g in GROUPS.values())
+    return any(g.select((name,)) for g in GROUPS.values())

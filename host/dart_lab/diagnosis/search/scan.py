@@ -23,7 +23,7 @@ from dart_hal.core.errors import ConfigError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.effects import apply, catalogue, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.readings import SENSORS
@@ -314,7 +314,8 @@ def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
     """
     work = EffectScan(evidence, point, policy)
     present = {a.name for a in point.vehicle.effects}
-    requested = [n for n in (catalogue() if names is None else names) if n not in present]
+    requested = [n for n in (catalogue() if names is None else names)
+                 if n not in present and is_applicable(catalogue()[n], point.vehicle)]
     known = {n: [work.recall_sweep(sweep) for sweep in previous[n]] for n in requested
              if previous.get(n)}
     trials = [t for t in (work.recall_trial(name, sweeps) for name, sweeps in known.items()) if t]

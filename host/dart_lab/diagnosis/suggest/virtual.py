@@ -39,7 +39,7 @@ EPOCH = datetime(2024, 9, 8, tzinfo=timezone.utc).timestamp()
 
 @dataclass(frozen=True, slots=True)
 class VirtualCommands:
-    """Throttle and steering -1..1, (n,) on a grid of 0.01 s."""
+    """Throttle and steering -1..1, (n,) on a grid of 0.01 s; of a speed loop m/s and -1..1."""
 
     throttle: FloatArray
     steering: FloatArray
@@ -75,7 +75,8 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
                  speed=freeze(np.where(counted < MIN_ENCODER_SPEED, 0.0, counted)),
                  yaw_rate=freeze(rate[samples]), accel_x=freeze(a_x[samples]),
                  accel_y=freeze(a_y[samples]))
-    return Recording(Path("suggested") / name, "B", m, mocap, "ok", None, "", ())
+    return Recording(Path("suggested") / name, "B", m, mocap, "ok", None, "", (),
+                     drive=p.drive)
 
 
 def _grid(n: int, throttle: FloatArray, steering: FloatArray, reference: Reference) -> Grid:

@@ -11,6 +11,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.prediction.rollout import Progress
 from dart_lab.identification.prediction.windows import HORIZONS
 
@@ -62,8 +63,10 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
     """Score a model on recordings. limit: also find where its kinematic form ends.
 
     fitted_to: SHA-256 of the files that the model was fitted to. Other options and errors as for
-    ``prepare``; progress(share) reports each batch.
+    ``prepare``, and UsageError for a motor of another form than the recordings; progress(share)
+    reports each batch.
     """
+    check_drive(recordings, p)
     # An effect may move the centre of mass, at which the grids are computed.
     p = apply_parameter_effects(p)
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,

@@ -60,7 +60,7 @@ def _pulls(name: str) -> list[tuple[float, float]]:
 def _pull_length(files: CarFiles, throttle: float, top: float) -> float:
     """Compute the lane [m] of one pull up to ``top`` [m/s] and its coasting."""
     vehicle = vehicle_of(files.model)
-    motor = make_motor(vehicle.motor)
+    motor = make_motor(vehicle.duty_motor)
     rolling = RollingDistance(vehicle)
     friction = vehicle.friction
     x = v = t = 0.0

@@ -56,7 +56,7 @@ def motor_problem(rows: JoinedRows) -> CurveProblem:
     """Make the problem of the motor's d, e, g: force minus the friction of the paper's labels."""
     v, force = motion(rows)
     label = force - curves.friction(np.array(LABEL_FRICTION), v)[0]
-    p = PAPER.motor
+    p = PAPER.duty_motor
     return CurveProblem(
         "motor", curves.motor, (rows.throttle, v), label, ("d", "e", "g"), ("N", "N s/m", "-"),
         (5.0, 0.1, -0.3), (40.0, 10.0, 0.3), "N",

@@ -16,7 +16,7 @@ from . import style
 from .evidence import CoastingData, MotorData, StepResponse
 
 PAPER_FRICTION = np.array([PUBLISHED.friction.a, PUBLISHED.friction.b, PUBLISHED.friction.c])
-PAPER_MOTOR = np.array([PUBLISHED.motor.d, PUBLISHED.motor.e, PUBLISHED.motor.g])
+PAPER_MOTOR = np.array([PUBLISHED.duty_motor.d, PUBLISHED.duty_motor.e, PUBLISHED.duty_motor.g])
 # The picture over throttle ends at this quantile of the rows.
 THROTTLE_QUANTILE = 0.99
 # Throttle levels in the motor picture.

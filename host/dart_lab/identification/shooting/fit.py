@@ -31,7 +31,7 @@ from dart_hal.vehicle.fitting.profile import agrees_with_quadratic
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
-from dart_hal.vehicle.parameters import AxleTyres, Vehicle
+from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
 from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 from dart_lab.identification.prediction.rollout import label_stretches
 
@@ -60,6 +60,7 @@ FREE = {
 # and the steering map as the wheelbase.
 NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_backlash.k",
             "body.wheelbase", "body.l_f", "body.l_r")
+SPEED_LOOP_NAMES = ("gain", "max_force")
 AXLE_TYRE_NAMES = ("front_D", "front_B", "rear_D", "rear_B")
 # [m/s, m/s, rad/s] Typical errors of a first model after one second.
 FIRST_ERRORS = (0.15, 0.05, 0.4)
@@ -108,7 +109,11 @@ class JointFit:
 
 def free_names(base: Vehicle, submodels: Sequence[str]) -> tuple[str, ...]:
     """Return the names "group.key" of the free parameters."""
-    keys = {**FREE, "tyres": AXLE_TYRE_NAMES} if isinstance(base.tyres, AxleTyres) else FREE
+    keys = dict(FREE)
+    if isinstance(base.tyres, AxleTyres):
+        keys["tyres"] = AXLE_TYRE_NAMES
+    if isinstance(base.motor, SpeedLoop):
+        keys["motor"] = SPEED_LOOP_NAMES
     groups = [g for g in keys if g in submodels and not (g == "tyres" and base.kind == "kinematic")]
     return tuple(f"{group}.{key}" for group in groups for key in keys[group])
 

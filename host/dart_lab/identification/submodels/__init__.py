@@ -14,6 +14,7 @@ from dart_hal.car.runs import finer
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PAPER, Vehicle
+from dart_lab.identification.drive_form import check_duty
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.report import FileReport
 from dart_lab.identification.submodels.delay import fit_delay
@@ -40,7 +41,7 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
     its std enters the errors of all forces; reference: position of the markers, None: by date;
     progress(share, next sub-model). A sub-model without enough data keeps the base's values, not
     identifiable and not converged, with the reason in its notes. Raises UsageError for an unknown
-    name and without a recording.
+    name, without a recording, and for friction, motor or delay of a speed loop.
     """
     unknown = [n for n in names if n not in SUBMODELS]
     if unknown or not names:
@@ -48,6 +49,7 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
                          expected=", ".join(SUBMODELS))
     if not recordings:
         raise UsageError("no recording to fit", expected="at least one recording")
+    check_duty(recordings, base, names)
     ledger = Ledger()
     fits: dict[str, SubmodelFit] = {}
 

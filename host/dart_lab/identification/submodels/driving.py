@@ -183,6 +183,6 @@ def _choose_free(c: StraightDriving) -> tuple[str, ...]:
 
 def _base_values(base: Vehicle) -> FloatArray:
     f = base.friction
-    m = base.motor
+    m = base.duty_motor
     t = base.delay
     return np.array([f.a, f.b, f.c, m.d, m.e, m.g, t.throttle_s, t.throttle_lag_s])

@@ -47,7 +47,7 @@ def differences(series: Sequence[Speeds]) -> FloatArray:
 def first_guess(series: Sequence[Speeds], base: Vehicle, mass: float) -> FloatArray:
     """Guess (8,) in the order of STRAIGHT_NAMES; the base's values where data are missing."""
     f = base.friction
-    m = base.motor
+    m = base.duty_motor
     out = np.array([f.a, START_B, f.c, m.d, m.e, m.g, 0.0, START_LAG])
     rows = differences(series)
     coast = rows[(rows[:, 0] == 0.0) & (rows[:, 1] > MIN_GUESS_SPEED)]

@@ -149,7 +149,7 @@ def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArra
     if g is not None:
         columns["g"] = g
     gains = make_motor_gains(_bundle({n: v[..., None] for n, v in columns.items()}, "deg",
-                                     reverse=base.motor.reverse), np)
+                                     reverse=base.duty_motor.reverse), np)
     push, drag = gains(throttle_at(series, s, p[:, 6], p[:, 7]) if throttle is None else throttle)
     push = np.moveaxis(push / mass, -1, 0)
     drag = np.moveaxis(drag / mass, -1, 0)

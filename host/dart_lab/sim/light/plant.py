@@ -104,7 +104,7 @@ class LightPlant:
                                     find_substeps(vehicle, piece.duration, c.method)))
             for piece in self._pieces)
         self._sensor_effects = SensorEffects(p, c.step, self.ops) if has_sensor_effects(p) else None
-        self._drive = make_drive(p.motor, p.friction, self.ops.f)
+        self._drive = make_drive(p.duty_motor, p.friction, self.ops.f)
         if self._force is not None:
             self._force.set_mass(p.body.mass)
 
