@@ -25,7 +25,7 @@ from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation import Evaluation, evaluate
 from dart_lab.identification.outcome import Identification, identify_jointly
-from dart_lab.identification.write import SECTIONS, model_from
+from dart_lab.identification.write import SECTIONS, build_model
 
 STEADY_S = 0.4  # s in which the command is constant
 STEADY_COMMAND = 0.15  # relative change of the command in that time, at most
@@ -86,7 +86,7 @@ def speed_pair(slow: Recording, fast: Recording) -> tuple[Recording, Recording]:
 def fit(train: Recording, base: ModelFile) -> tuple[Vehicle, Identification]:
     """Return the model of a joint fit, and the fit."""
     found, _ = identify_jointly([train], [], SECTIONS, base, "speed_loop_figures")
-    written = model_from(found.fits, found.over(base), found.source, joint=found.joint)
+    written = build_model(found.fits, found.over(base), found.source, joint=found.joint)
     assert written.model is not None, written.left_out
     return vehicle_of(written.model), found
 

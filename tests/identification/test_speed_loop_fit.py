@@ -27,7 +27,7 @@ from dart_lab.identification.drive_form import (
 )
 from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.outcome import identify, identify_jointly, identify_per_recording
-from dart_lab.identification.write import SECTIONS, model_from
+from dart_lab.identification.write import SECTIONS, build_model
 from tests.recorded.simulated_recording import noisy
 
 FRAME = Reference(0.11, 0.01, -0.01, "of the simulation")
@@ -88,7 +88,7 @@ def test_joint_fit_of_a_duty_base_finds_the_loop_and_the_rest(found):
 
 def test_fitted_file_has_the_form_of_the_recordings(found):
     base = model_of(PAPER)
-    written = model_from(found.fits, found.over(base), found.source, joint=found.joint)
+    written = build_model(found.fits, found.over(base), found.source, joint=found.joint)
     assert set(written.sections) == set(SECTIONS)
     assert written.model.forms["motor"] == "speed"
     assert set(written.model.motor) == {"gain", "max_force"}
