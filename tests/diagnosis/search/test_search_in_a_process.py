@@ -5,10 +5,11 @@ from __future__ import annotations
 import pickle
 
 from dart_lab.diagnosis.search.forward import ForwardSearch
+from dart_lab.diagnosis.search.selection import Settings
 
 
 def test_callbacks_and_sweeps_are_not_pickled():
-    search = ForwardSearch(None, None, None, lambda share, name: None, lambda: None)
+    search = ForwardSearch(None, None, Settings(), lambda share, name: None, lambda: None)
     search._sweeps = {"grip": lambda: None}
     copy = pickle.loads(pickle.dumps(search))
     assert vars(copy).keys() == vars(search).keys()
