@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_run
+from dart_hal.core.config.car import parse_config
 from dart_hal.core.errors import RecordingError
 from dart_hal.recording.imported import write_imported
 from dart_hal.vehicle.sets import PAPER
@@ -63,3 +67,14 @@ def test_sensors_that_do_not_determine_the_motion_are_refused(log, tmp_path, str
     r = record(log, tmp_path / "run.mcap", streams)
     with pytest.raises(RecordingError, match=what):
         check_inputs([r], [], PAPER)
+
+
+def test_recordings_of_two_cars_are_not_pooled(log, tmp_path):
+    r = record(log, tmp_path / "run.mcap", ("poses",))
+    text = (Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml").read_text()
+    cars = [parse_config(text.replace("dart-01", name), "car.toml") for name in ("red", "blue")]
+    two = [replace(r, car=car, sha256=car.name) for car in cars]
+    with pytest.raises(RecordingError, match="recordings of 2 cars") as error:
+        check_inputs(two, [], PAPER)
+    assert "red: " in error.value.found
+    check_inputs([two[0], replace(two[0], sha256="other")], [], PAPER)

@@ -24,6 +24,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.recording.dart import Recording, Reference
+from dart_hal.recording.dart.one_car import refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
@@ -163,6 +164,7 @@ def _read_recordings(files: Sequence[Path], reference: Reference | None, car_nam
         bar.add_task("reading", total=None)
         recordings, skipped = read_any(files, reference=reference,
                                        car=NamedCar(car_name, str(cars) if cars else None))
+    refuse_several_cars(recordings)
     refuse_reversed_steering(recordings)
     return recordings, skipped
 

@@ -16,6 +16,7 @@ from dart_hal.car.runs import read_run
 from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
+from dart_hal.recording.dart.one_car import refuse_several_cars
 from dart_hal.vehicle.effects import catalogue, find_effect, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.drive_form import check_drive
@@ -68,6 +69,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     diagnosed, OtherCar for a model that steers the other way.
     """
     refuse_overlap(train, test)
+    refuse_several_cars([*train, *test])
     check_drive([*train, *test], p)
     notes: list[str] = []
     sets = [_drop_copies(part, notes) for part in (train, test)]

@@ -23,6 +23,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.plain_json import plain
 from dart_hal.recording.check import RecordingCheck, check
 from dart_hal.recording.dart import Recording
+from dart_hal.recording.dart.one_car import refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.diagnosis import diagnose
@@ -156,6 +157,7 @@ def _check(study: Study, progress: Progress | None) -> StageResult:
         rows.append((c.name, f"{c.facts.duration:.0f}", ", ".join(c.good_for) or "nothing",
                      serious[0]))
     good = [c for c in checks if _is_usable(c)]
+    refuse_several_cars(study.recordings)
     refuse_reversed_steering(study.recordings)
     train, test = split_recordings([c.recording for c in good]) if good else ((), ())
     seconds = sum(c.facts.duration for c in good)
