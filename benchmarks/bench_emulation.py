@@ -181,7 +181,7 @@ def split(seconds: float) -> list[Figure]:
         engine = car._engine
         car.arm()
         watch.wrap(world.nano, "run", "firmware in simavr")
-        watch.wrap(world, "_physics", "physics tick")
+        watch.wrap(world, "_step_physics", "physics tick")
         watch.wrap(engine.receiver, "feed", "decoder and estimators")
         watch.wrap(engine.driver, "frame", "pulses, ServoKit, bus")
         watch.wrap(engine.driver.actuator, "command", "command chain")

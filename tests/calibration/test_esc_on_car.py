@@ -201,14 +201,14 @@ def test_control_coasting_separates_friction_from_the_dead_band(tmp_path, monkey
 class AtOnce(Esc):
     """It knows no brake."""
 
-    def _pull_back(self, level: float) -> None:
+    def _reverse(self, level: float) -> None:
         self._set(type(self.mode).REVERSE, -level)
 
 
 class NoReverse(Esc):
     """A pull below neutral always brakes."""
 
-    def _pull_back(self, level: float) -> None:
+    def _reverse(self, level: float) -> None:
         self._set(type(self.mode).BRAKING, 0.0, level)
 
 

@@ -62,7 +62,7 @@ class RequestsAtOnce(Rules):
 class Forgets(Rules):
     """A car that restarts on the ground takes itself for one without a request."""
 
-    def restart(self, n, car, place, kept):
+    def restarted(self, n, car, place, kept):
         phase = CrossingPhase.DONE if place == PAST else CrossingPhase.FREE
         return order.start_session(car.id, n, car.boot + 1, 0, place, phase)
 
@@ -70,26 +70,26 @@ class Forgets(Rules):
 class LosesItsStamp(Rules):
     """The disk is gone as well."""
 
-    def restart(self, n, car, place, kept):
-        return super().restart(n, car, place, 0)
+    def restarted(self, n, car, place, kept):
+        return super().restarted(n, car, place, 0)
 
 
 class PassedOnBeginsASession(Rules):
     """What another car passes on is taken like what came late from its sender."""
 
-    def pass_message(self, car, m):
+    def passed(self, car, m):
         return order.receive(car, m)[0]
 
 
 class PassedOnRevives(PassedOnBeginsASession):
     """And a session may be taken up again that another has followed."""
 
-    def pass_message(self, car, m):
+    def passed(self, car, m):
         other = car.others[m.id]
         if other is not None and other.boot != m.boot:
             others = put(car.others, m.id, other._replace(retired=()))
             car = car._replace(others=others)
-        return super().pass_message(car, m)
+        return super().passed(car, m)
 
 
 @pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [

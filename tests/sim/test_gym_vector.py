@@ -131,9 +131,9 @@ def test_one_picture_with_all_cars():
     (picture,) = env.render()
     assert picture.shape[2] == 3
     colours, counts = np.unique(picture.reshape(-1, 3), axis=0, return_counts=True)
-    of_cars = counts[(colours == dart_lab.sim.gym.render.CAR).all(axis=1)]
+    of_cars = counts[(colours == dart_lab.sim.gym.render.CAR_COLOUR).all(axis=1)]
     (alone,) = (lambda e: (e.reset(seed=0), e.render())[1])(make(1, render_mode="rgb_array"))
-    assert of_cars[0] > 2 * (alone == dart_lab.sim.gym.render.CAR).all(axis=2).sum()
+    assert of_cars[0] > 2 * (alone == dart_lab.sim.gym.render.CAR_COLOUR).all(axis=2).sum()
 
 
 def test_the_randomised_cars_of_a_vector_differ_and_stay_in_bounds():

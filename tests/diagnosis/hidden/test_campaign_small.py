@@ -179,7 +179,7 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
         return make_result()
 
     real = campaign.run
-    monkeypatch.setattr(campaign, "run", lambda c, seconds, ran: real(c, seconds, ask))
+    monkeypatch.setattr(campaign, "run", lambda c, seconds, asked: real(c, seconds, ask))
     order = ["--only", "null", "--cases", "2", "--seconds", "4", "4", "--jobs", "1", "--json",
              "--out", str(tmp_path / "r.jsonl")]
     assert campaign.main(order) == 0

@@ -69,7 +69,7 @@ def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     right, wrong = [], []
     for recordings in sets:
         series = [s for r in recordings if (s := read_speeds(r, None, Ledger())) is not None]
-        rolling = [s.only(np.flatnonzero(~s.tail)) for s in series]
+        rolling = [s.select(np.flatnonzero(~s.tail)) for s in series]
         for out, some in ((right, series), (wrong, rolling)):
             out.append(1.0 / fit_coasting(some, [""] * len(some), PAPER, 1.67)[0].value("b"))
     assert np.mean(right) == pytest.approx(1.0 / TRUTH["b"], abs=0.03)
