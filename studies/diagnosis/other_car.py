@@ -17,7 +17,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -279,10 +279,11 @@ def main() -> int:
         folder = Path(temporary)
         (recording,), _ = read_any([write_log(log, folder / "log.mcap")])
         model = fit_model(recording)
-        frame = recording.marker
-        if frame is None:
+        if recording.marker is None:
             print("the marker frame cannot be fitted to the recording")
             return 2
+        # Stated, as with --reference: where the marker sits is known before the injection.
+        frame = replace(recording.marker, source="stated", std=None)
         baseline: Mapping[str, tuple[float, float]] = {}
         outcomes = []
         for name in ("nothing", *(options.only or [n for n in INJECTIONS if n != "nothing"])):
