@@ -2,83 +2,84 @@
 # # Another lab's car: from its log to a named fault
 #
 # For an engineer with **a car and logs of their own**. The log here is a CSV file of a 1:10 car that this project never drove: motion capture and commands, 142 s
-# (data set *zheng2022*, Apache 2.0, `docs/notebooks/data`). The same steps as commands are on the page [your own recordings](../how_to/own_recordings.md).
+# (data set *zheng2022*, Apache 2.0, `docs/notebooks/data`). The page [your own recordings](../how_to/own_recordings.md) explains each step.
 #
-# The text of this notebook is `docs/notebooks/another_labs_car.py`.
+# The text of this notebook is `docs/notebooks/another_labs_car.py`. The log is cut in two: the first 60 % trains, the rest tests.
 
 # %%
+import gzip
+import json
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import msgspec
 import numpy as np
 
 import dart_lab
-from dart_hal import find_model, read_any
-from dart_hal.recording.imported import write_imported
-from dart_hal.vehicle.load import vehicle_of
-from dart_lab import check_inputs, diagnose, evaluate, identify
-from dart_lab.identification.write import build_model
-from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
 LOG = Path(dart_lab.__file__).parents[2] / "docs" / "notebooks" / "data" / "zheng2022_day1.csv.gz"
+header, *rows = gzip.decompress(LOG.read_bytes()).decode().splitlines()
+names = header.split(",")
+values = np.array([row.split(",") for row in rows], dtype=float)
+
+
+def write_log(table, name):
+    """Write the first 60 % of a log for training, and the rest for the test."""
+    cut = round(0.6 * len(table))
+    for part, chosen in (("train", table[:cut]), ("test", table[cut:])):
+        np.savetxt(f"{name}_{part}.csv", chosen, fmt="%.7f", delimiter=",", header=header, comments="")
+
+
+write_log(values, "original")
+x, y, throttle, steering = (values[:, names.index(n)] for n in ("vicon x", "vicon y", "throttle", "steering"))
+figure, (path, commands) = plt.subplots(1, 2, figsize=(11, 3.5))
+path.plot(x, y, lw=0.8)
+path.set(title="path of the marker [m]", aspect="equal")
+commands.plot(values[:3000, 0] - values[0, 0], steering[:3000], label="steering")
+commands.plot(values[:3000, 0] - values[0, 0], throttle[:3000], label="throttle")
+commands.set(title="commands of the first 30 s", xlabel="time [s]")
+commands.legend()
+plt.show()
 
 # %% [markdown]
 # ## Which column is what
 #
-# `guess_map` proposes a map from the names and from the data, each line with its evidence. What no data can tell is marked *TO ANSWER*.
+# `--guess` proposes a map from the names and from the data, each line with its evidence. What no data can tell is marked *TO ANSWER*.
 
-# %%
-(log,) = read_tables([LOG])
-guess = guess_map([log])
-print(guess.text)
+# %% language="sh"
+# dart-hal data import original_train.csv --guess --out map.toml 2>/dev/null
+# cat map.toml
 
 # %% [markdown]
 # ## Import
 #
-# The streams are compared with each other before anything is written. A reversed steering column, for example, is an error with its remedy.
+# The streams are compared with each other before anything is written: a reversed steering column is an error that states its remedy. Of this car only wheelbase and mass are known; `car new`
+# estimates the rest, with its error.
 
-# %%
-data = convert_tables([log], guess.map, guess.text)
-for finding in check_data(data):
-    print(finding)
-wrong = dict(log.columns, steering=-log.columns["steering"])
-print()
-for finding in check_data(convert_tables([type(log)("log", wrong)], guess.map)):
-    if finding.severe:
-        print(finding)
-
-
-# %%
-def record(columns, name):
-    """Import columns of the log as two files: the first 60 % trains, the rest tests."""
-    cut = round(0.6 * len(columns["steering"]))
-    for part, rows in (("train", slice(0, cut)), ("test", slice(cut, None))):
-        table = type(log)(name, {key: values[rows] for key, values in columns.items()})
-        write_imported(convert_tables([table], guess.map), Path(f"{name}_{part}.mcap"))
-    return read_any([f"{name}_train.mcap", f"{name}_test.mcap"])[0]
-
-
-train, test = record(log.columns, "original")
-print(train.marker)
+# %% language="sh"
+# mkdir -p cars
+# dart-hal car new other --wheelbase 0.325+-0.002 --mass 3.5+-0.05 --l-f 0.1625+-0.01 --max-steering 0.5+-0.05 --cars cars 2>/dev/null
+# for part in train test; do
+#     dart-hal data import original_$part.csv --map map.toml --car other --cars cars --out $part.mcap 2>/dev/null | tail -4
+# done
+# sed 's/value = "steering"/value = {column = "steering", sign = -1}/' map.toml > reversed.toml
+# dart-hal data import original_train.csv --map reversed.toml --out wrong.mcap 2>&1 | grep -A4 error || true
 
 # %% [markdown]
-# ## A model from the sizes of the car
+# ## A model of the car
 #
-# Of this car only wheelbase and mass are known. All else starts at the values of DART, scaled, and is fitted to the first 60 % of the log.
+# The fit starts at the sizes of the car, and at the values of DART for all else. It is tested on the rest of the log.
+
+# %% language="sh"
+# dart-hal identify all --joint train.mcap --car other --cars cars --base paper --out model.toml >/dev/null 2>&1
+# dart-hal evaluate test.mcap --model paper --car other --cars cars --json > start.json 2>/dev/null
+# dart-hal evaluate test.mcap --model model.toml --json > fitted.json 2>/dev/null
 
 # %%
-start, _ = find_model("paper")
-start = msgspec.structs.replace(start, body={"wheelbase": 0.325, "l_f": 0.1625, "l_r": 0.1625, "mass": 3.5, "yaw_inertia": 0.0638})
-outcome = identify([train], start, joint=True)
-model = build_model(outcome.fits, outcome.over(start), outcome.source, joint=outcome.joint).model
+start, fitted = (json.loads(Path(name).read_text()) for name in ("start.json", "fitted.json"))
+errors = {"sizes alone": start["horizons"]["1.0"]["pooled"], "fitted": fitted["horizons"]["1.0"]["pooled"],
+          "constant velocity": fitted["ctrv"]["1.0"]["pooled"]}
 labels = {"vx": "speed [m/s]", "vy": "lateral velocity [m/s]", "yaw_rate": "yaw rate [rad/s]", "position": "position [m]"}
-errors = {}
-for name, m in (("sizes alone", start), ("fitted", model)):
-    result = evaluate(vehicle_of(m), [test], limit=False)
-    errors[name] = result.model.to_json()["1.0"]["pooled"]
-errors["constant velocity"] = result.ctrv.to_json()["1.0"]["pooled"]
 figure, axes = plt.subplots(1, 4, figsize=(12, 3))
 for ax, (key, label) in zip(axes, labels.items(), strict=True):
     ax.bar(list(errors), [e[key] for e in errors.values()], color=["#bbb", "#06c", "#e80"])
@@ -94,18 +95,20 @@ plt.show()
 # The same log, but the steering acts 120 ms later than the log says. The model is that of the car without the fault.
 
 # %%
-late = dict(log.columns)
-late["steering"] = np.concatenate([late["steering"][12:], np.full(12, late["steering"][-1])])
-train, test = record(late, "late")
-inputs = check_inputs([train], [test], vehicle_of(model))
-found = diagnose(model, vehicle_of(model), inputs.train, inputs.test)
-for claim in found.claims:
-    for name, q in claim.quantities.items():
-        print(f"{claim.title}: {name} {q.before:.0f} -> {q.after:.0f} +- {q.std:.0f} {q.unit}, probability {claim.probability:.2f}")
-for cause in found.causes:
-    print(cause.title, cause.parameters)
-assert found.claims or found.causes
+late = values.copy()
+late[:-12, names.index("steering")] = values[12:, names.index("steering")]
+write_log(late, "late")
 
-# %% [markdown]
-# The delay is found with its size. The yaw inertia is found as well, and rightly so: it was a guess from mass and axles, and this car is more compact than the guess.
-# `dart-hal car new` writes such a guess with its error, and the diagnosis may then move it.
+# %% language="sh"
+# for part in train test; do
+#     dart-hal data import late_$part.csv --map map.toml --car other --cars cars --out late_$part.mcap >/dev/null 2>&1
+# done
+# dart-hal diagnose --model model.toml --train late_train.mcap --test late_test.mcap --json > found.json 2>/dev/null
+
+# %%
+found = json.loads(Path("found.json").read_text())
+for claim in found["parameters"]:
+    for name, q in claim["quantities"].items():
+        print(f"{claim['title']}: {name} {q['before']:.0f} -> {q['after']:.0f} +- {q['std']:.0f} {q['unit']}")
+for cause in found["causes"]:
+    print("cause:", cause["effect"])

@@ -119,7 +119,7 @@ def test_the_lidar_of_the_environment_is_opened(monkeypatch):
 
 
 def test_a_map_without_a_lidar_is_refused():
-    with pytest.raises(UsageError, match="map without a lidar"):
+    with pytest.raises(UsageError, match="needs a lidar or a camera"):
         Car.open(f"{KINEMATIC_3_URL}&map=room")
     with pytest.raises(UsageError, match="map=cellar is no room"):
         Car.open(f"{KINEMATIC_3_URL}&lidar=1&map=cellar")

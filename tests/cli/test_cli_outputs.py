@@ -14,7 +14,7 @@ from dart_hal.core import figures
 
 OUTPUT_OPTION = re.compile(r"--(out|out-model|plot|html|record|csv)$")
 CHECKED = (outputs.OutputFile, outputs.PlotFolder, outputs.PlotFileOrFolder)
-ELSEWHERE = {("export", "out"), ("demo", "out"), ("fetch", "out")}
+ELSEWHERE = {("export", "out"), ("demo", "out"), ("fetch", "out"), ("study", "out")}
 """Outputs whose kind another argument decides; checked first in the verb."""
 
 

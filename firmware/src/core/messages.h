@@ -221,7 +221,7 @@ struct Hello {
   uint8_t build;
   // first 32 bits of the source revision
   uint32_t git;
-  // made once, kept in EEPROM: identifies the car on any tty
+  // made once, kept in EEPROM: names the car whatever its tty
   uint32_t board_id;
   // boots since the EEPROM was made
   uint16_t boot_count;
@@ -234,7 +234,7 @@ struct Hello {
   // edges per main-gear revolution of ring A and B
   uint8_t edges_per_rev[2];
   // bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset, 5 calib
-  // has the reads of the gyro
+  // tells of looks at the gyro
   uint16_t caps;
   // ticks per second of all *_ck fields [Hz]
   uint32_t clock_hz;
@@ -304,7 +304,7 @@ inline bool unpack(uint8_t const* in, size_t size, Hello& m) {
   return true;
 }
 
-// HELLO_REQ, down, until answered, each 100 ms: requests HELLO.
+// HELLO_REQ, down, until answered, each 100 ms: asks for HELLO.
 struct HelloReq {
   static constexpr uint8_t kId = 0x02;
   static constexpr uint8_t kSize = 6;
@@ -666,7 +666,7 @@ struct Log {
   static constexpr uint8_t kMaxText = 49;
   // 0 debug, 1 info, 2 warning, 3 error
   uint8_t level;
-  // Characters in text; not sent, it follows from the length of the frame.
+  // Characters in text; not sent, the frame tells it.
   uint8_t length;
   // 4 to 49 ASCII characters, without a terminating zero
   char text[kMaxText];
@@ -836,7 +836,7 @@ inline bool unpack(uint8_t const* in, size_t size, Heartbeat& m) {
   return true;
 }
 
-// TIME_PING, down, 2 Hz (10 Hz for the first 3 s): requests TIME_PONG.
+// TIME_PING, down, 2 Hz (10 Hz for the first 3 s): asks for TIME_PONG.
 struct TimePing {
   static constexpr uint8_t kId = 0x41;
   static constexpr uint8_t kSize = 6;
@@ -966,7 +966,7 @@ inline bool unpack(uint8_t const* in, size_t size, Reboot& m) {
   return true;
 }
 
-// EDGES_REQ, down: requests EDGES frames.
+// EDGES_REQ, down: asks for EDGES frames.
 struct EdgesReq {
   static constexpr uint8_t kId = 0x45;
   static constexpr uint8_t kSize = 2;
@@ -994,7 +994,7 @@ inline bool unpack(uint8_t const* in, size_t size, EdgesReq& m) {
   return true;
 }
 
-// CAPTURE_REQ, down: requests CAPTURE.
+// CAPTURE_REQ, down: asks for CAPTURE.
 struct CaptureReq {
   static constexpr uint8_t kId = 0x46;
   static constexpr uint8_t kSize = 2;

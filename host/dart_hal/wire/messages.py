@@ -118,19 +118,19 @@ HELLO = _m(
     _F("fw_version", "u8", "major, minor, patch", count=3),
     _F("build", "u8", "bit 0 dirty tree, 1 emulator test build, 2 mock"),
     _F("git", "u32", "first 32 bits of the source revision"),
-    _F("board_id", "u32", "made once, kept in EEPROM: identifies the car on any tty"),
+    _F("board_id", "u32", "made once, kept in EEPROM: names the car whatever its tty"),
     _F("boot_count", "u16", "boots since the EEPROM was made"),
     _F("reset_cause", "u8", "MCUSR bits, + 0x10 = watchdog mark in .noinit"),
     _F("bootloader", "u8", "0 unknown, 1 ATmegaBOOT (57600), 2 Optiboot (115200)"),
     _F("boot_nonce", "u16", "crc16(board_id, boot_count): the arm token of this boot"),
     _F("edges_per_rev", "u8", "edges per main-gear revolution of ring A and B", count=2),
     _F("caps", "u16", "bit 0 ring B, 1 capture, 2 /OE, 3 multiplexer, 4 watchdog reset, "
-       "5 calib has the reads of the gyro"),
+       "5 calib tells of looks at the gyro"),
     _F("clock_hz", "u32", "ticks per second of all *_ck fields", unit="Hz"),
     _F("param_crc", "u16", "CRC of the parameter block in EEPROM"),
 )
 HELLO_REQ = _m(
-    "HELLO_REQ", 0x02, "down", "until answered, each 100 ms", "requests HELLO",
+    "HELLO_REQ", 0x02, "down", "until answered, each 100 ms", "asks for HELLO",
     _F("proto", "u8", "version of the wire rules of the host"),
     _F("schema", "u32", "hash of all message definitions of the host"),
     _F("flags", "u8", "bit 0: send DIAG at once"),
@@ -227,7 +227,7 @@ HEARTBEAT = _m(
     _F("flags", "u8", "bit 0-1 direction: 0 unknown, 1 forward, 2 reverse"),
 )
 TIME_PING = _m(
-    "TIME_PING", 0x41, "down", "2 Hz (10 Hz for the first 3 s)", "requests TIME_PONG",
+    "TIME_PING", 0x41, "down", "2 Hz (10 Hz for the first 3 s)", "asks for TIME_PONG",
     _F("ping_id", "u16", "number of the ping"),
     _F("host_us", "u32", "host time, wraps", scale=1e-6, unit="s"),
 )
@@ -247,11 +247,11 @@ REBOOT = _m(
     _F("kind", "u16", "1 application, 2 bootloader"),
 )
 EDGES_REQ = _m(
-    "EDGES_REQ", 0x45, "down", "", "requests EDGES frames",
+    "EDGES_REQ", 0x45, "down", "", "asks for EDGES frames",
     _F("frames", "u16", "how many"),
 )
 CAPTURE_REQ = _m(
-    "CAPTURE_REQ", 0x46, "down", "", "requests CAPTURE",
+    "CAPTURE_REQ", 0x46, "down", "", "asks for CAPTURE",
     _F("frames", "u16", "periods to measure"),
 )
 

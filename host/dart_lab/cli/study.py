@@ -12,6 +12,7 @@ from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.common.options import REFERENCE, json_option
 from dart_hal.cli.common.output import console, print_json, print_line, progress_bar
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
+from dart_hal.core.config import check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
@@ -47,6 +48,7 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal study FOLDER --car NAME --html")
+    check_writable(out)
     recordings, skipped = read_any(find(files), reference=reference,
                                    car=NamedCar(car_name, str(cars) if cars else None))
     file, _ = named_model(base, files)
