@@ -46,7 +46,7 @@ def test_car_is_written_with_its_errors_and_read_again(verb):
     body = car.config.geometry
     assert (body.wheelbase, body.l_f, body.mass) == (0.325, 0.158, 3.5)
     assert body.l_r == pytest.approx(0.167)
-    assert body.std.stated() == {"wheelbase": 0.002, "l_f": 0.003, "mass": 0.02,
+    assert body.std.to_dict() == {"wheelbase": 0.002, "l_f": 0.003, "mass": 0.02,
                                  "yaw_inertia": pytest.approx(0.31 * body.yaw_inertia, rel=0.02)}
     assert car.config.limits.max_steering == 0.38
     assert car.config.encoder.metres_per_edge is None

@@ -103,6 +103,7 @@ def new(name: str, cars: Path | None, as_json: bool, **given: Quantity | None) -
 
 def _complete(given: Mapping[str, Quantity]) -> MeasuredSizes:
     """Return all sizes of a car; ask for those that are missing, or derive them."""
+    # The wheelbase comes first: it turns axle loads into the centre of mass.
     wheelbase = given.get("wheelbase") or _ask("--wheelbase", "wheelbase, axle to axle [m]")
     mass, distance = _weigh(given, wheelbase)
     _check_inside(wheelbase, distance)
@@ -121,6 +122,7 @@ def _complete(given: Mapping[str, Quantity]) -> MeasuredSizes:
 def _weigh(given: Mapping[str, Quantity], wheelbase: Quantity
            ) -> tuple[Quantity, dict[str, Quantity]]:
     """Return the mass, and the centre of mass as l_f or l_r."""
+    # The loads of the axles give both: m = m_f + m_r and l_r = L m_f / m.
     mass = given.get("mass")
     front, rear = (given.get(key) for key in ("front_load", "rear_load"))
     distance = {key: given[key] for key in ("l_f", "l_r") if key in given}

@@ -3,7 +3,7 @@
 With wheelbase L, mass m, loads m_f and m_r of the axles [kg]:
 
     l_f = L m_r / (m_f + m_r)          centre of mass behind the front axle
-    I_z = SHAPE m l_f l_r              yaw inertia, where nobody has measured it
+    I_z = SHAPE m l_f l_r              yaw inertia, if it is not measured
 
 Errors are standard errors. They are taken as independent and are propagated to first order.
 """
@@ -35,7 +35,7 @@ MAX_LOAD_DIFFERENCE = 3.0
 class MeasuredSizes:
     """Sizes of a car with standard errors, in m, kg and kg m2, by key of ``[geometry]``.
 
-    max_steering [rad]: largest angle of the road wheels. estimated: keys that nobody has measured.
+    max_steering [rad]: largest angle of the road wheels. estimated: keys that are not measured.
     """
 
     sizes: dict[str, Quantity]
@@ -97,7 +97,7 @@ def estimate_yaw_inertia(wheelbase: Quantity, distance: Quantity, mass: Quantity
 def describe_car(name: str, measured: MeasuredSizes) -> str:
     """Return the text of a new car.toml. Raises ConfigError for sizes that no car has."""
     body = measured.geometry()
-    errors = body.std.stated()
+    errors = body.std.to_dict()
 
     def line(key: str, meaning: str, size: Quantity | float | None) -> str:
         return f"{f'{key} = {size}':<24} # {meaning}"

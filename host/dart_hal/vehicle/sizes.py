@@ -44,7 +44,7 @@ def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     Entries with a standard error that is not from a car.toml were measured and stay.
     """
     body = body_of(size)
-    errors = size.std.stated()
+    errors = size.std.to_dict()
     measured = {key for key, entry in model.body.items()
                 if isinstance(entry, Quantity) and not is_from_car_file(entry)}
     geometry = {"wheelbase", "l_f", "l_r"}

@@ -16,7 +16,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.recording.imported import STREAM_COLUMNS, ImportedData, write_imported
 from dart_lab.importing import (
-    Finding,
+    ImportFinding,
     check_data,
     convert_tables,
     guess_map,
@@ -89,7 +89,7 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     return 0
 
 
-def _show(data: ImportedData, findings: Sequence[Finding]) -> None:
+def _show(data: ImportedData, findings: Sequence[ImportFinding]) -> None:
     """Print the streams with their ranges, what was dropped, and the comparisons."""
     table = TextTable("stream", "rows", "rate [Hz]", "time [s]", "values", box=None)
     zero = min(float(s.t[0]) for s in data.streams.values())
@@ -106,7 +106,7 @@ def _show(data: ImportedData, findings: Sequence[Finding]) -> None:
         print_line(str(finding), "red" if finding.severe else "yellow" if finding.remedy else "")
 
 
-def _to_json(data: ImportedData, findings: Sequence[Finding], target: Path, old: Path | None
+def _to_json(data: ImportedData, findings: Sequence[ImportFinding], target: Path, old: Path | None
              ) -> dict[str, Any]:
     return {"written": target, "old": old, "drive": data.drive,
             "streams": {name: {"rows": len(s.t), "period_s": s.period,

@@ -8,14 +8,14 @@
 
 from __future__ import annotations
 
-from .checks import Finding, check_data
+from .checks import ImportFinding, check_data
 from .convert import convert_tables
 from .guess import guess_map
 from .maps import ImportMap, list_shipped_maps, load_map
 from .tables import Table, read_tables, table_from_frame
 
 __all__ = [
-    "Finding",
+    "ImportFinding",
     "ImportMap",
     "Table",
     "check_data",

@@ -50,7 +50,7 @@ Change = tuple[str, str, str, float | str]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ImportFinding:
     """Result of one comparison.
 
     what: the compared stream. text: what was found. remedy: change of the map that removes a
@@ -83,8 +83,8 @@ class GridData:
         return all(name in self.values for name in names)
 
 
-def check_data(data: ImportedData) -> list[Finding]:
-    """Compare the streams with each other; see ``Finding``.
+def check_data(data: ImportedData) -> list[ImportFinding]:
+    """Compare the streams with each other; see ``ImportFinding``.
 
     1. The yaw angle with the direction of travel: axes, sign, unit, offset.
     2. The gyro with the yaw rate of the poses, the encoder with their speed, the accelerometer
@@ -150,7 +150,7 @@ def _is_large(values: FloatArray, share: float) -> BoolArray:
     return np.asarray(size > max(share * float(np.quantile(size, 0.9)), 1e-9))
 
 
-def _check_yaw(g: GridData) -> list[Finding]:
+def _check_yaw(g: GridData) -> list[ImportFinding]:
     """Compare yaw and direction of travel of the poses.
 
     The angle between them is about 0 forwards. A constant other angle is a turned axis. Where only
@@ -167,22 +167,23 @@ def _check_yaw(g: GridData) -> list[Finding]:
         angle = float(np.angle(difference))
         found = f"the car travels {np.rad2deg(angle):+.0f} deg from its yaw"
         if abs(angle) < MAX_YAW_OFFSET:
-            return [Finding("yaw", found + " on average")]
+            return [ImportFinding("yaw", found + " on average")]
         backwards = abs(abs(angle) - np.pi) < MAX_YAW_OFFSET
         zero = f"yaw needs zero = {-angle:.3f} (in rad; {-np.rad2deg(angle):.1f} in deg)"
-        return [Finding("yaw", found, ("the car drives backwards, or " if backwards else "") + zero,
-                        severe=True, change=("poses", "yaw", "zero", -angle))]
+        remedy = ("the car drives backwards, or " if backwards else "") + zero
+        return [ImportFinding("yaw", found, remedy, severe=True,
+                              change=("poses", "yaw", "zero", -angle))]
     spread = float(np.ptp(np.unwrap(g["course"][use])))
     if abs(total) >= MIN_CONCENTRATION and abs(total) > abs(difference) and spread > 1.0:
         if abs(abs(float(np.angle(total))) - 0.5 * np.pi) < MAX_YAW_OFFSET:
-            return [Finding("yaw", "the path turns the other way than the yaw, mirrored at the "
-                            "diagonal", "exchange the columns x and y of [poses]", severe=True,
+            return [ImportFinding("yaw", "the path turns the other way than the yaw, mirrored at "
+                            "the diagonal", "exchange the columns x and y of [poses]", severe=True,
                             change=("poses", "x", "exchange", "y"))]
         other = _vote(g)
         key = "y" if other > 0.0 else "yaw"
         basis = ("" if other == 0.0 else
                  ", because gyro and steering agree with the " + ("yaw" if other > 0.0 else "path"))
-        return [Finding("yaw", "the path turns the other way than the yaw",
+        return [ImportFinding("yaw", "the path turns the other way than the yaw",
                         f"{key} of [poses] needs sign = -1{basis}", severe=True,
                         change=("poses", key, "sign", -1))]
     rate = np.gradient(_smooth(g["course"]), GRID_STEP)
@@ -190,11 +191,11 @@ def _check_yaw(g: GridData) -> list[Finding]:
     ratio = _slope(g["pose_yaw_rate"][turning], rate[turning])
     unit = _find_unit("yaw", ratio)
     if unit:
-        return [Finding("yaw", f"turns {ratio:.1f} times as fast as the path",
+        return [ImportFinding("yaw", f"turns {ratio:.1f} times as fast as the path",
                         f'yaw of [poses] needs unit = "{unit}"', severe=True,
                         change=("poses", "yaw", "unit", unit))]
-    return [Finding("yaw", "the direction of travel does not follow the yaw", "check x, y, yaw and "
-                    "their units in [poses]", severe=True)]
+    return [ImportFinding("yaw", "the direction of travel does not follow the yaw",
+                          "check x, y, yaw and their units in [poses]", severe=True)]
 
 
 def _vote(g: GridData) -> float:
@@ -209,7 +210,7 @@ def _vote(g: GridData) -> float:
 
 
 def _compare(g: GridData, table: str, name: str, reference: str, words: str,
-             key: str = "") -> list[Finding]:
+             key: str = "") -> list[ImportFinding]:
     """Compare a sensor with another source: sign, unit, scale, clock."""
     if not g.has(name, reference):
         return []
@@ -217,16 +218,16 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
     measured = g[name]
     expected = g[reference]
     if not np.any(measured) or _is_large(expected, TURNING_SHARE).sum() < MIN_SAMPLES:
-        return [Finding(table, "is 0 throughout" if not np.any(measured) else
+        return [ImportFinding(table, "is 0 throughout" if not np.any(measured) else
                         "the car does not move enough to compare it")]
     if name == "speed":  # an encoder may or may not have a sign
         measured = np.abs(measured)
     offset, found = _best_offset(measured, expected, MAX_CLOCK_OFFSET)
     if abs(found) < MIN_CORRELATION:
-        return [Finding(table, f"{key} does not follow {words} (correlation {found:.2f})",
+        return [ImportFinding(table, f"{key} does not follow {words} (correlation {found:.2f})",
                         f"check {key} of [{table}], its unit and its clock")]
     if found < 0.0:
-        return [Finding(table, f"{key} has the other sign than {words}",
+        return [ImportFinding(table, f"{key} has the other sign than {words}",
                         f"{key} of [{table}] needs sign = -1", severe=True,
                         change=(table, key, "sign", -1))]
     moved = np.interp(g.t, g.t - offset, measured)
@@ -234,22 +235,22 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
     findings = []
     unit = _find_unit(name, ratio)
     if unit:
-        findings.append(Finding(table, f"{key} is {ratio:.4g} times {words}",
+        findings.append(ImportFinding(table, f"{key} is {ratio:.4g} times {words}",
                                 f'{key} of [{table}] needs unit = "{unit}"', severe=True,
                                 change=(table, key, "unit", unit)))
     elif not 1.0 / MAX_SCALE_ERROR < ratio < MAX_SCALE_ERROR:
-        findings.append(Finding(table, f"{key} is {ratio:.3g} times {words}",
+        findings.append(ImportFinding(table, f"{key} is {ratio:.3g} times {words}",
                                 f"{key} of [{table}] needs scale = {1.0 / ratio:.4g}, if it is "
                                 "no tyre that slips"))
     if abs(offset) >= MIN_CLOCK_OFFSET:
-        findings.append(Finding(table, f"{key} is {abs(offset):.2f} s "
+        findings.append(ImportFinding(table, f"{key} is {abs(offset):.2f} s "
                                 f"{'later' if offset > 0.0 else 'earlier'} than {words}",
                                 f"[{table}] needs delay = {offset:.2f}, if it is the clock"))
-    return findings or [Finding(table, f"{key} is {ratio:.2f} times {words}, "
+    return findings or [ImportFinding(table, f"{key} is {ratio:.2f} times {words}, "
                                 f"{1e3 * offset:+.0f} ms later (correlation {found:.2f})")]
 
 
-def _check_commands(g: GridData, rate: str, speed: str) -> list[Finding]:
+def _check_commands(g: GridData, rate: str, speed: str) -> list[ImportFinding]:
     """Compare the steering with the curvature, and the throttle with speed and acceleration."""
     findings = []
     if g.has(rate, speed):
@@ -268,14 +269,14 @@ def _check_commands(g: GridData, rate: str, speed: str) -> list[Finding]:
     return findings
 
 
-def _judge_command(name: str, found: float, words: str) -> Finding:
+def _judge_command(name: str, found: float, words: str) -> ImportFinding:
     if found <= -MIN_CORRELATION:
-        return Finding(name, f"has the other sign than {words} (correlation {found:.2f})",
+        return ImportFinding(name, f"has the other sign than {words} (correlation {found:.2f})",
                        f"value of [{name}] needs sign = -1", severe=True,
                        change=(name, "value", "sign", -1))
     if found < MIN_CORRELATION:
-        return Finding(name, f"{words} follows it weakly (correlation {found:.2f})")
-    return Finding(name, f"{words} follows it (correlation {found:.2f})")
+        return ImportFinding(name, f"{words} follows it weakly (correlation {found:.2f})")
+    return ImportFinding(name, f"{words} follows it (correlation {found:.2f})")
 
 
 def _best_response(command: FloatArray, motion: FloatArray) -> float:

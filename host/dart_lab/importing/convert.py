@@ -12,7 +12,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.model import Reference
 from dart_hal.recording.imported import ImportedData, Stream
 
-from .maps import UNITS, Column, Frame, ImportMap, StreamMap, column_of
+from .maps import UNITS, Column, Frame, ImportMap, StreamColumns, column_of
 from .tables import Table, quote_names
 
 # Rows with an empty cell that are dropped; more are an error.
@@ -28,7 +28,7 @@ TIME_COLUMNS = ("stamp", "arrival")
 
 Columns = Mapping[str, str | Column]
 # Reads the columns of a stream, by its name and its part of the map.
-ReadStream = Callable[[str, StreamMap, Columns], Stream]
+ReadStream = Callable[[str, StreamColumns, Columns], Stream]
 
 
 def convert_tables(tables: Sequence[Table], mapping: ImportMap, text: str = "",
@@ -43,7 +43,7 @@ def convert_tables(tables: Sequence[Table], mapping: ImportMap, text: str = "",
     changes: list[str] = []
     used: dict[str, str] = {}
 
-    def read(name: str, stream: StreamMap, columns: Columns) -> Stream:
+    def read(name: str, stream: StreamColumns, columns: Columns) -> Stream:
         table = _find_table(tables, mapping, name, stream)
         used[table.source[0] or table.name] = table.source[1]
         return _read_stream(table, mapping, name, stream, columns, changes)
@@ -118,7 +118,7 @@ def _merge(steering: Stream, throttle: Stream) -> Stream:
     return Stream(t, np.stack(held, axis=1))
 
 
-def _find_table(tables: Sequence[Table], mapping: ImportMap, name: str, stream: StreamMap
+def _find_table(tables: Sequence[Table], mapping: ImportMap, name: str, stream: StreamColumns
                 ) -> Table:
     """Return the table that a stream names, or the only one."""
     pattern = stream.table or mapping.table
@@ -134,7 +134,7 @@ def _find_table(tables: Sequence[Table], mapping: ImportMap, name: str, stream: 
         remedy=f'write table = "..." into [{name}] of the map; import runs one by one')
 
 
-def _read_stream(table: Table, mapping: ImportMap, name: str, stream: StreamMap,
+def _read_stream(table: Table, mapping: ImportMap, name: str, stream: StreamColumns,
                  columns: Columns, changes: list[str]) -> Stream:
     """Read the columns of one stream; ``changes`` receives what was dropped."""
     time = stream.time or mapping.time or next(

@@ -39,7 +39,7 @@ class Column(FileTable, frozen=True, kw_only=True):
     zero: float = 0.0
 
 
-class StreamMap(FileTable, frozen=True, kw_only=True):
+class StreamColumns(FileTable, frozen=True, kw_only=True):
     """Keys of every stream.
 
     table: file or topic, * and ? as in file names; needed if there are several tables. time: column
@@ -61,7 +61,7 @@ class Frame(FileTable, frozen=True, kw_only=True):
     theta: Quantity
 
 
-class PosesMap(StreamMap, frozen=True, kw_only=True):
+class PoseColumns(StreamColumns, frozen=True, kw_only=True):
     """Poses. frame: of the tracked point on the car; without it, it is fitted."""
 
     x: str | Column
@@ -70,7 +70,7 @@ class PosesMap(StreamMap, frozen=True, kw_only=True):
     frame: Frame | None = None
 
 
-class SteeringMap(StreamMap, frozen=True, kw_only=True):
+class SteeringColumns(StreamColumns, frozen=True, kw_only=True):
     """Steering commands, + to the left.
 
     kind "command": -1..1. kind "angle": road-wheel angle; full_scale [rad] is the angle of the
@@ -83,7 +83,7 @@ class SteeringMap(StreamMap, frozen=True, kw_only=True):
     full_scale: float | None = None
 
 
-class ThrottleMap(StreamMap, frozen=True, kw_only=True):
+class ThrottleColumns(StreamColumns, frozen=True, kw_only=True):
     """Throttle commands.
 
     kind "duty": -1..1. kind "speed": speed of a speed loop. kind "pulse": width of the ESC pulse;
@@ -97,19 +97,19 @@ class ThrottleMap(StreamMap, frozen=True, kw_only=True):
     gate: str | None = None
 
 
-class EncoderMap(StreamMap, frozen=True, kw_only=True):
+class EncoderColumns(StreamColumns, frozen=True, kw_only=True):
     """Speed of the wheels or of the motor. A motor speed needs its scale."""
 
     speed: str | Column
 
 
-class GyroMap(StreamMap, frozen=True, kw_only=True):
+class GyroColumns(StreamColumns, frozen=True, kw_only=True):
     """Yaw rate, + to the left."""
 
     yaw_rate: str | Column
 
 
-class AccelerometerMap(StreamMap, frozen=True, kw_only=True):
+class AccelerometerColumns(StreamColumns, frozen=True, kw_only=True):
     """Acceleration forward and to the left, with gravity."""
 
     x: str | Column
@@ -123,12 +123,12 @@ class ImportMap(FileTable, frozen=True, kw_only=True):
     name: str
     table: str | None = None
     time: str | Column | None = None
-    steering: SteeringMap
-    throttle: ThrottleMap
-    poses: PosesMap | None = None
-    encoder: EncoderMap | None = None
-    gyro: GyroMap | None = None
-    accelerometer: AccelerometerMap | None = None
+    steering: SteeringColumns
+    throttle: ThrottleColumns
+    poses: PoseColumns | None = None
+    encoder: EncoderColumns | None = None
+    gyro: GyroColumns | None = None
+    accelerometer: AccelerometerColumns | None = None
 
 
 def list_shipped_maps() -> dict[str, str]:

@@ -180,7 +180,7 @@ def _is_usable(c: RecordingCheck) -> bool:
     return bool(c.good_for) and (r.mocap is None or r.marker is not None)
 
 
-def _usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+def _select_usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Return (training, test) recordings of those that are good for something."""
     good = [r for r in study.recordings if _is_usable(check(r))]
     if not good:
@@ -195,7 +195,7 @@ def _usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]
 
 def _predict(study: Study, progress: Progress | None) -> StageResult:
     """Predict which parameters the training recordings determine."""
-    train, _ = _usable(study)
+    train, _ = _select_usable(study)
     if train[0].mocap is None:
         return StageResult("identifiability", "without poses it is known only after the fit")
     found = predict_identifiability(train, vehicle_of(study.start))
@@ -213,7 +213,7 @@ def _predict(study: Study, progress: Progress | None) -> StageResult:
 
 def _fit(study: Study, progress: Progress | None) -> StageResult:
     """Fit the start model to the training recordings, and write it."""
-    train, _ = _usable(study)
+    train, _ = _select_usable(study)
     command = f"dart-hal study: stage fit, seed {study.seed}"
     if train[0].mocap is not None:
         outcome, _ = identify_jointly(list(train), [], SECTIONS, study.start, command, None,
@@ -238,7 +238,7 @@ def _fit(study: Study, progress: Progress | None) -> StageResult:
         f"written: {study.folder / FITTED_MODEL}"), tuple(rows), outcome.to_json())
 
 
-def _fitted(study: Study) -> ModelFile:
+def _load_fitted_model(study: Study) -> ModelFile:
     path = study.folder / FITTED_MODEL
     if not path.is_file():
         raise UsageError("there is no fitted model yet", found=f"no {path}",
@@ -248,10 +248,10 @@ def _fitted(study: Study) -> ModelFile:
 
 def _validate(study: Study, progress: Progress | None) -> StageResult:
     """Compare start model and fitted model on the test recordings."""
-    _, test = _usable(study)
+    _, test = _select_usable(study)
     if test[0].mocap is None:
         return StageResult("validation", "without poses the diagnosis alone compares predictions")
-    models = {"start": study.start, "fitted": _fitted(study)}
+    models = {"start": study.start, "fitted": _load_fitted_model(study)}
     results = {name: evaluate(vehicle_of(model), test, limit=False)
                for name, model in models.items()}
     key = f"{HORIZON:.1f}"
@@ -278,8 +278,8 @@ def _diagnose(study: Study, progress: Progress | None) -> StageResult:
 
 def _diagnose_and_suggest(study: Study, progress: Progress | None, drives: bool = False
                           ) -> tuple[StageResult, tuple[str, ...]]:
-    train, test = _usable(study)
-    file = _fitted(study)
+    train, test = _select_usable(study)
+    file = _load_fitted_model(study)
     vehicle = vehicle_of(file)
     one = len({r.sha256 for r in (*train, *test)}) == 1
     whole = [replace(train[0], spans=())] if one else list(train)

@@ -26,7 +26,7 @@ class SizeErrors(FileTable, frozen=True, kw_only=True):
     mass: float | None = None
     yaw_inertia: float | None = None
 
-    def stated(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, float]:
         """Return the errors that are stated, by key."""
         return {key: getattr(self, key) for key in self.__struct_fields__
                 if getattr(self, key) is not None}
@@ -240,7 +240,7 @@ def _check_geometry(car: CarConfig, origin: str) -> None:
     require(abs(body.l_f + body.l_r - body.wheelbase) <= 5e-4, origin, "geometry.wheelbase",
             f"{body.wheelbase} m with l_f + l_r = {body.l_f + body.l_r:.4f} m",
             "l_f + l_r within 0.5 mm")
-    errors = body.std.stated()
+    errors = body.std.to_dict()
     for key, std in errors.items():
         size = getattr(body, key)
         require(size is not None, origin, f"geometry.std.{key}", std, f"geometry.{key} as well",

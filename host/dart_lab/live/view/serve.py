@@ -25,6 +25,7 @@ def serve(car: Car, *, port: int = VIEWER_PORT, lan: bool = False, drives: bool 
     ``join(car, room).other_poses``. max_throttle: of a stick pushed to its end. folder: for
     recordings that a page starts. Raises UsageError for a port that is in use.
     """
+    # The socket is bound first: a used port is refused before anything of the car is touched.
     place = bind_socket(port, lan)
     access = Access.of_this_computer(place.getsockname()[1], lan)
     desk = Desk(car, access, drives=drives, lines=lines, others=others, waive=waive,
