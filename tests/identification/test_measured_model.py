@@ -139,7 +139,7 @@ def test_size_and_mass_are_those_of_the_car(recorded):
 def test_without_a_calibration_there_is_nothing_to_start_from(recorded, tmp_path):
     csv = tmp_path / "a.csv"
     csv.write_text("")
-    with pytest.raises(UsageError, match="measured of this car") as refused:
+    with pytest.raises(UsageError, match="no calibration of this car") as refused:
         named_model("measured", [recorded(7), csv])
     assert "1 run" in refused.value.found
     assert "calibrate all" in refused.value.remedy
