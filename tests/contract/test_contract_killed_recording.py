@@ -20,7 +20,7 @@ import mmap, struct, sys
 from dart_hal.car import Car
 from dart_hal.recording import run_file
 url, name, cars, folder, flush = sys.argv[1:6]
-run_file.FLUSH = float(flush)
+run_file.CHUNK_TIME = float(flush)
 with open(folder + "/received", "r+b") as file, \\
         Car.open(url, car=name, cars=cars, record=folder + "/run.mcap") as car:
     received = mmap.mmap(file.fileno(), 16)
