@@ -10,7 +10,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle.load import find_model
-from dart_lab.study import Study, load_results, run_stage, split_recordings
+from dart_lab.study import StageResult, Study, load_results, run_stage, split_recordings
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 FRAME = Reference(0.1, 0.01, 0.0, "of the simulation")
@@ -76,3 +76,12 @@ def test_a_damaged_result_names_its_stage(study):
     with pytest.raises(RecordingError, match="damaged") as error:
         load_results(study.folder)
     assert "--stage check" in error.value.remedy
+
+
+def test_the_next_drive_needs_the_diagnosis_of_this_folder(study):
+    run_stage(study, "fit")
+    with pytest.raises(UsageError, match="no diagnosis yet"):
+        run_stage(study, "next")
+    StageResult("diagnosis", "", facts={"next_drives": ["circles", "steps"]}).save(study.folder)
+    result = run_stage(study, "next")
+    assert (result.verdict, result.lines) == ("circles", ("steps",))

@@ -272,44 +272,44 @@ def _validate(study: Study, progress: Progress | None) -> StageResult:
 
 
 def _diagnose(study: Study, progress: Progress | None) -> StageResult:
-    """Find what the fitted model gets wrong, and write the extended model and the report."""
-    return _diagnose_and_suggest(study, progress)[0]
-
-
-def _diagnose_and_suggest(study: Study, progress: Progress | None, drives: bool = False
-                          ) -> tuple[StageResult, tuple[str, ...]]:
+    """Find what the fitted model gets wrong; write the extended model, the report, the next drives.
+    """
     train, test = _select_usable(study)
     file = _load_fitted_model(study)
     vehicle = vehicle_of(file)
+    # A single recording is split by the diagnosis itself, so it gets all of it.
     one = len({r.sha256 for r in (*train, *test)}) == 1
     whole = [replace(train[0], spans=())] if one else list(train)
     inputs = check_inputs(whole, () if one else test, vehicle)
     d = diagnose(file, vehicle, inputs.train, inputs.test, seed=study.seed, progress=progress)
-    d = replace(d, model=FITTED_MODEL, notes=(*study.notes, *d.notes, *inputs.notes))
-    if drives:
-        suggestions = suggest(d, seed=study.seed, model=file)
-        parameters = suggest_parameter_drives(d, model=file)
-        return _summarise(d), tuple(dict.fromkeys(
-            [*(s.sentence() for s in suggestions), *(p.sentence() for p in parameters)]))
-    path = study.folder / EXTENDED_MODEL
-    written = write_model(d, path, file, inputs.train, "dart-hal study: stage diagnosis")
-    d = replace(d, written=str(written))
-    write_page(d, study.folder / DIAGNOSIS_PAGE, command="dart-hal study")
-    return _summarise(d), ()
-
-
-def _summarise(d: Any) -> StageResult:
+    written = write_model(d, study.folder / EXTENDED_MODEL, file, inputs.train,
+                          "dart-hal study: stage diagnosis")
+    d = replace(d, model=FITTED_MODEL, notes=(*study.notes, *d.notes, *inputs.notes),
+                written=str(written))
+    suggestions = suggest(d, seed=study.seed, model=file)
+    drives = suggest_parameter_drives(d, model=file)
+    write_page(d, study.folder / DIAGNOSIS_PAGE, command="dart-hal study",
+               suggestions=suggestions, drives=drives)
     causes = [f"{c.effect}: {' '.join(list(describe_cause(d, i).values())[:3])}"
               for i, c in enumerate(d.causes)]
+    sentences = dict.fromkeys([*(s.sentence() for s in suggestions),
+                               *(p.sentence() for p in drives)])
     return StageResult("diagnosis", headline(d), (*summary_lines(d), *causes,
-                                                  f"report: {DIAGNOSIS_PAGE}"), (), d.to_json())
+                                                  f"report: {DIAGNOSIS_PAGE}"), (),
+                       {**d.to_json(), "next_drives": list(sentences)})
 
 
 def _suggest(study: Study, progress: Progress | None) -> StageResult:
-    """Suggest the drive that would sharpen the result most."""
-    _, sentences = _diagnose_and_suggest(study, progress, drives=True)
+    """Name the drive that would sharpen the result most, as the diagnosis found it."""
+    _load_fitted_model(study)
+    diagnosis = load_results(study.folder).get("diagnosis")
+    if diagnosis is None or diagnosis.facts is None:
+        raise UsageError("there is no diagnosis yet", found=f"no result in {study.folder}",
+                         expected="the result of the stage diagnosis",
+                         remedy="run it: --stage diagnosis")
+    sentences = tuple(diagnosis.facts["next_drives"])
     if not sentences:
-        return StageResult("next", "nothing to suggest: these recordings answer what was asked")
+        return StageResult("next", "no other drive would sharpen this result")
     return StageResult("next", sentences[0], sentences[1:], (), {"drives": list(sentences)})
 
 
