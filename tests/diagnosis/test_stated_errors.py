@@ -1,0 +1,56 @@
+"""Parameters that leave their stated errors together are wrong, though each stays within its own.
+
+A delay and a lag of one command are known far better together than each.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dart_hal.core.config.model import Covariance
+from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error
+from dart_lab.diagnosis.parameters.sets import GroupFits
+from dart_lab.diagnosis.policy import USUAL
+
+NAMES = ("delay.steering_s", "delay.steering_lag_s")
+STD = 0.03
+
+
+def exceeds(changes, correlation=None, known=NAMES):
+    """Judge changes in standard errors; correlation: stated in the file, None: not stated."""
+    groups = object.__new__(GroupFits)
+    cross = 0.0 if correlation is None else correlation * STD**2
+    groups._joint = None if correlation is None else Covariance(
+        ("motor.d", *NAMES), ((4.0, 0.0, 0.0), (0.0, STD**2, cross), (0.0, cross, STD**2)))
+    groups._names = {"steering timing": NAMES}
+    groups.known = dict.fromkeys(known, STD)
+    groups.policy = USUAL
+    groups.full = SimpleNamespace(x=np.array(changes), space=SimpleNamespace(names=NAMES))
+    return _exceeds_stated_error(groups, frozenset({"steering timing"}))
+
+
+@pytest.mark.parametrize("changes", [(1.9, 1.0), (-1.9, -1.0), (1.0, 1.0)])
+def test_a_common_change_is_beyond_a_covariance_but_not_beyond_single_errors(changes):
+    assert exceeds(changes, -0.97)
+    assert not exceeds(changes), "control: without the covariance each is within its error"
+
+
+@pytest.mark.parametrize("changes", [(1.5, -1.5), (0.2, 0.1), (0.0, 0.0)])
+def test_a_change_within_the_covariance_is_none(changes):
+    assert not exceeds(changes, -0.97)
+
+
+def test_a_single_change_beyond_its_error_counts_with_any_covariance():
+    assert exceeds((USUAL.claims.stated + 0.1, 0.0))
+    assert exceeds((0.0, 0.0), known=()), "a parameter without a stated error has no range"
+
+
+@pytest.mark.parametrize("correlation", [0.0, -0.6, -0.97])
+def test_a_right_model_leaves_the_ellipsoid_as_rarely_as_the_single_error(correlation):
+    """Drawn from the stated covariance, at most 5 % leave the ellipsoid and 5 % each error."""
+    rng = np.random.default_rng(3)
+    drawn = rng.multivariate_normal((0.0, 0.0), [[1.0, correlation], [correlation, 1.0]], 2000)
+    assert np.mean([exceeds(x, correlation) for x in drawn]) < 0.12
