@@ -81,7 +81,10 @@ class Heart:
 def periods(backend: Backend) -> tuple[float, float, float]:
     """Ticks of the Nano in one PWM period, seconds of ours in one tick, and the relative
     standard error of that. Raises LinkLost."""
-    decoder, pairs, asked, heart = FrameDecoder(), [], False, Heart(backend)
+    decoder = FrameDecoder()
+    pairs = []
+    requested = False
+    heart = Heart(backend)
     period, wraps = None, 0
     end = backend.clock.now() + PERIODS * 0.02 + PATIENCE
     while period is None and backend.clock.now() < end:
@@ -98,9 +101,9 @@ def periods(backend: Backend) -> tuple[float, float, float]:
                 seen = frame.as_dict()
                 span = (seen["last_rise"] - seen["first_rise"]) % TICKS
                 period = span / seen["frames"] if seen["frames"] else None  # no pulse came
-        if not asked and len(pairs) > BOOTED:
+        if not requested and len(pairs) > BOOTED:
             backend.link.write(encode(CAPTURE_REQ, 0, {"frames": PERIODS}))
-            asked = True
+            requested = True
     heart.beat("DISARMED")
     if period is None:
         raise LinkLost("the Nano timed no pulse", found=f"{len(pairs)} STATE frames",

@@ -44,7 +44,7 @@ plt.show()
 # %% [markdown]
 # ## Which column is what
 #
-# `--guess` proposes a map from the names and from the data, each line with its evidence. What no data can tell is marked *TO ANSWER*.
+# `--guess` proposes a map from the names and from the data, each line with its evidence. What the data do not contain is marked *TO ANSWER*.
 
 # %% language="sh"
 # dart-hal data import original_train.csv --guess --out map.toml 2>/dev/null
@@ -92,7 +92,7 @@ plt.show()
 # %% [markdown]
 # ## A fault hidden in the log
 #
-# The same log, but the steering acts 120 ms later than the log says. The model is that of the car without the fault.
+# The same log, but the steering acts 120 ms later than logged. The model is that of the car without the fault.
 
 # %%
 late = values.copy()

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import ConfigError, RecordingError
 from dart_hal.recording.imported import read_data, write_imported
+from dart_lab.cli.data import import_command
 from dart_lab.importing import convert_tables, list_shipped_maps, load_map, read_tables
 from dart_lab.importing.maps import parse_map
 from dart_lab.importing.tables import Table
 from tests.importing.logs import MAP, make_log, write_csv
+
+MAP_HELP = next(option.help for option in import_command.params if option.name == "map_name")
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +167,7 @@ def test_every_shipped_map_can_be_read():
         mapping, text = load_map(name)
         assert mapping.name
         assert "schema" in text
+        assert re.search(rf"\b{name}\b", MAP_HELP), "the option --map lists it"
     with pytest.raises(ConfigError, match="no such map") as error:
         load_map("vesc")
     assert "f1tenth" in error.value.expected

@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.core.config.car import CarConfig, parse_config
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
-from dart_hal.core.types import FloatArray
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording import cdr
 from dart_hal.recording.dart.mocap import EPOCH_FROM
 from dart_hal.recording.dart.mocap import mocap as read_mocap
@@ -50,6 +50,7 @@ from dart_hal.recording.mcap_records import (
 )
 from dart_hal.recording.run_file import make_mcap_writer
 from dart_hal.recording.schemas import definition
+from dart_hal.vehicle.parameters import MOTOR_FORMS
 
 CAR_FILE = "car.toml"
 KIND = "std_msgs/msg/Float64MultiArray"
@@ -63,8 +64,6 @@ STREAM_COLUMNS = {
     "accelerometer": ("accel_x", "accel_y"),
 }
 SENSORS = ("encoder", "gyro", "accelerometer")
-# What the throttle of a recording commands: the share of the motor's voltage, or a speed [m/s].
-DRIVE_FORMS = ("duty", "speed")
 # Time [s] over which a message has the mean speed, as in the published recordings.
 SPEED_MEAN_TIME = 0.1
 # s between two messages: 50 Hz, as of a run with poses; a slower sensor decides.
@@ -91,7 +90,7 @@ class ImportedData:
     """Content of an imported file.
 
     streams: by name, see STREAM_COLUMNS; "commands" and at least one other. drive: one of
-    DRIVE_FORMS. steering_scale: steering angle [rad] of the command 1, as the map states it; None:
+    MOTOR_FORMS. steering_scale: steering angle [rad] of the command 1, as the map states it; None:
     the log has no angle. marker: pose of the tracked frame on the car; None: unknown, to be fitted.
     facts: name of the map, its text, sources with their SHA-256, changes to the data.
     """
@@ -149,7 +148,7 @@ def read_data(path: Path) -> ImportedData:
         scale = facts.pop("steering_scale")
         frame: object = facts.pop("marker")
         streams = _read_streams(found)
-        if drive not in DRIVE_FORMS or "commands" not in streams or len(streams) < 2:
+        if drive not in MOTOR_FORMS or "commands" not in streams or len(streams) < 2:
             raise ValueError(f"drive {drive}, streams {', '.join(streams) or 'none'}")
         return ImportedData(streams, drive, None if scale is None else float(scale),
                             None if frame is None else _read_marker(frame),
@@ -257,7 +256,7 @@ def _make_messages(path: Path, commands: Stream, sensors: Mapping[str, Stream], 
     3. Gyro and accelerometer are means of one step around the stamp, or of the span before it.
     """
     present = (commands, *sensors.values())
-    start = max(float(s.t[0]) for s in (commands, *sensors.values())) + max(span, SPEED_MEAN_TIME)
+    start = max(float(s.t[0]) for s in present) + max(span, SPEED_MEAN_TIME)
     end = min(float(s.t[-1]) for s in present)
     t = np.arange(start, end, step)
     for stream in sensors.values():
@@ -285,7 +284,7 @@ def _make_messages(path: Path, commands: Stream, sensors: Mapping[str, Stream], 
         accel_x=freeze(accel[:, 0]), accel_y=freeze(accel[:, 1]))
 
 
-def _is_covered(t: FloatArray, stamps: FloatArray) -> FloatArray:
+def _is_covered(t: FloatArray, stamps: FloatArray) -> BoolArray:
     """Return which times (n,) are not in a gap of the samples."""
     after = np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)
     return np.asarray(stamps[after] - stamps[after - 1] < MAX_MESSAGE_GAP)

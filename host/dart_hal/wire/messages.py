@@ -262,7 +262,8 @@ MESSAGES: tuple[Message, ...] = (
 BY_ID = {m.id: m for m in MESSAGES}
 BY_NAME = {m.name: m for m in MESSAGES}
 
-# 32-bit hash of all definitions, in the order of ids. HELLO contains that of the firmware.
+# 32-bit hash of all definitions, in the order of ids. HELLO contains that of the firmware. The
+# texts are part of it: another word in one of them makes the host refuse every flashed Nano.
 SCHEMA = crc32("\n".join(m.text for m in sorted(MESSAGES, key=lambda m: m.id)).encode("ascii"))
 
 # Names of the bits of STATE.flags.
