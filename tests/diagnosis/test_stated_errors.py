@@ -15,20 +15,22 @@ from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error
 from dart_lab.diagnosis.parameters.sets import GroupFits
 from dart_lab.diagnosis.policy import USUAL
 
-NAMES = ("delay.steering_s", "delay.steering_lag_s")
-STD = 0.03
+TIMING_PARAMETERS = ("delay.steering_s", "delay.steering_lag_s")
+TIMING_STD = 0.03
 
 
-def exceeds(changes, correlation=None, known=NAMES):
+def exceeds(changes, correlation=None, known=TIMING_PARAMETERS):
     """Judge changes in standard errors; correlation: stated in the file, None: not stated."""
     groups = object.__new__(GroupFits)
-    cross = 0.0 if correlation is None else correlation * STD**2
+    cross = 0.0 if correlation is None else correlation * TIMING_STD**2
     groups._joint = None if correlation is None else Covariance(
-        ("motor.d", *NAMES), ((4.0, 0.0, 0.0), (0.0, STD**2, cross), (0.0, cross, STD**2)))
-    groups._names = {"steering timing": NAMES}
-    groups.known = dict.fromkeys(known, STD)
+        ("motor.d", *TIMING_PARAMETERS),
+        ((4.0, 0.0, 0.0), (0.0, TIMING_STD**2, cross), (0.0, cross, TIMING_STD**2)))
+    groups._names = {"steering timing": TIMING_PARAMETERS}
+    groups.known = dict.fromkeys(known, TIMING_STD)
     groups.policy = USUAL
-    groups.full = SimpleNamespace(x=np.array(changes), space=SimpleNamespace(names=NAMES))
+    groups.full = SimpleNamespace(x=np.array(changes),
+                                  space=SimpleNamespace(names=TIMING_PARAMETERS))
     return _exceeds_stated_error(groups, frozenset({"steering timing"}))
 
 

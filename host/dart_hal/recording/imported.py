@@ -199,6 +199,7 @@ def read_imported(path: Path, digest: str, frames: int, *, poses: bool = True,
     notes = [Note(f"imported with the map {data.facts.get('map', 'unknown')}", kind="imported"),
              *notes]
     zero = float(data.streams["commands"].t[0]) if start is None else start
+    # The slowest sensor decides the time between messages: no sample is used twice.
     sensors, skipped = _select_sensors(data)
     notes += skipped
     step = max([MIN_MESSAGE_STEP if mocap is not None else frames * SAMPLE,
@@ -272,6 +273,7 @@ def _make_messages(path: Path, commands: Stream, sensors: Mapping[str, Stream], 
     width, ahead = (span, 0.0) if span else (step, 0.5 * step)
     yaw_rate = _average(sensors.get("gyro"), t, width, ahead)[:, 0]
     accel = _average(sensors.get("accelerometer"), t, width, ahead, columns=2)
+    # A command is held until the next one.
     row = np.maximum(np.searchsorted(commands.t, t, side="right") - 1, 0)
     throttle = freeze(commands.values[row, 1])
     stamp = freeze(t - zero)
