@@ -75,6 +75,7 @@ class Driver:
         self.out["safety_value"].publish(0.0)
 
     def run(self):
+        print("ready", flush=True)
         while not self.samples and not rospy.is_shutdown():
             time.sleep(0.1)
         while self.samples[-1][8] != 1.0:  # it arms; a go of before does not count

@@ -16,6 +16,7 @@ from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 HERE = Path(__file__).parent
+PAUSES_S = (0.0, 1.0, 4.0, 16.0, 30.0)  # before each attempt to drive
 DEBIAN = "/usr/lib/python3/dist-packages"
 MISSING = ("no ROS here: sh firmware/toolchain.sh --apt python3-rosmaster python3-rospy "
            "python3-nav-msgs python3-tf2-msgs")
@@ -94,18 +95,24 @@ class RosWorld(ExitStack):
             process.kill()
             process.wait()
 
+    def _driver_is_ready(self):
+        return "ready" in (self.folder / "driver_node.py.log").read_text()
+
     def drive(self, mode, *url):
         """What the node of ``driver_node.py`` saw, and the pulses of the car's ESC.
 
         A computer that is too busy for the emulated car starves its link, which refuses to arm or
-        trips, as it has to. So the car starts after all nodes have loaded their libraries, and a
-        starved drive is repeated, up to four times.
+        trips, as it has to. So the car starts after all nodes have loaded their libraries (topics
+        alone do not tell: the master keeps those of a node that was killed), and a
+        starved drive is repeated after a pause, in which other work of the computer may end.
         """
         commands = {f"/{name}" for name in ("safety_value", "steering_1", "throttle_1")}
-        for _ in range(5):
+        for pause in PAUSES_S:
+            time.sleep(pause)
             pins = self.folder / "pins.json"
             report = self.folder / "seen.json"
             driver = self.start(HERE / "driver_node.py", mode, report)
+            until(self._driver_is_ready, 30.0)
             until(lambda: commands <= self.published_topics(), 30.0)
             assert commands <= self.published_topics(), self.published_topics()
             car = self.start(HERE / "car_node.py", pins, *url)
