@@ -1,0 +1,20 @@
+# One line for each public name. ``dart_hal.core.lazy`` reads them, and so do type checkers.
+from dart_hal.vehicle.effect import Effect as Effect
+from dart_hal.vehicle.effect import Parameter as Parameter
+from dart_hal.vehicle.effects import apply as apply
+from dart_hal.vehicle.effects import catalogue as catalogue
+from dart_lab.diagnosis.inputs import check_inputs as check_inputs
+from dart_lab.diagnosis.report import write_page as write_page
+from dart_lab.diagnosis.result import Diagnosis as Diagnosis
+from dart_lab.diagnosis.run import diagnose as diagnose
+from dart_lab.diagnosis.write import extended_model as extended_model
+from dart_lab.identification.evaluation import evaluate as evaluate
+from dart_lab.identification.experiment.floor import Floor as Floor
+from dart_lab.identification.experiment.make import conduct as conduct
+from dart_lab.identification.experiment.make import make_plan as make_plan
+from dart_lab.identification.outcome import Identification as Identification
+from dart_lab.identification.outcome import identify as identify
+from dart_lab.sim.light import LightBatch as LightBatch
+from dart_lab.sim.light import LightCar as LightCar
+from dart_lab.sim.light import LightConfig as LightConfig
+from dart_lab.sim.light import LightWorld as LightWorld
