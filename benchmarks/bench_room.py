@@ -159,7 +159,7 @@ def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
     error = np.hypot(off[:, 0], off[:, 1])
     honest = [normalised(frames[k].state.estimate, in_room(frames[k].true, params))[0]
               for k in late]
-    ahead = [normalised(frames[k].state.estimate.at(frames[k + AHEAD].state.t),
+    ahead = [normalised(frames[k].state.estimate.predict(frames[k + AHEAD].state.t),
                         in_room(frames[k + AHEAD].true, params))[1] for k in late[:-AHEAD]]
     return Score(float(np.sqrt(np.mean(error[tracking]**2))),
                  float(error[~tracking].max(initial=0.0)), float(np.mean(honest)),

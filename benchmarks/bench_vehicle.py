@@ -96,7 +96,7 @@ def _windows(scale: float) -> Figure:
     n, samples = max(100, round(5000 * scale)), 200
     start = np.repeat(np.array(START[:6])[:, None], n, axis=1)
     held = np.full((samples, n), 0.3), np.full((samples, n), 0.1)
-    best = best_cpu(lambda: rollout(PAPER, start, *held, at=[50, 100, 200]), ROUNDS)
+    best = best_cpu(lambda: rollout(PAPER, start, *held, output_samples=[50, 100, 200]), ROUNDS)
     return Figure("vehicle: windows of 2 s, 2.5 ms steps, f64", n / best, "windows/s",
                   note=f"{4 * n * samples / best / 1e6:.1f} M car-steps/s")
 
@@ -106,7 +106,7 @@ def _agreement() -> Figure:
     draw = np.random.default_rng(1)
     start = np.repeat(np.array(START)[:, None], n, axis=1) * draw.uniform(0.7, 1.3, (8, n))
     held = draw.uniform(0.2, 0.4, (steps, n)), draw.uniform(-0.4, 0.4, (steps, n))
-    got, wanted = (car_rollout(UPSTREAM_2024, start, *held, at=[steps], engine=e)
+    got, wanted = (car_rollout(UPSTREAM_2024, start, *held, output_samples=[steps], engine=e)
                    for e in ("native", "numpy"))
     apart = float(np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted))))
     return Figure("vehicle: kernel and numpy after 200 steps, f64", apart, "of scale", high=1e-12)
@@ -153,7 +153,8 @@ def _per_call(p: Vehicle, engine: str, steps: int) -> float:
 def _one_rollout(p: Vehicle, dtype: type, steps: int) -> float:
     start = np.array(START, dtype=dtype)[:, None]
     held = np.full((steps, 1), 0.3, dtype=dtype), np.full((steps, 1), 0.2, dtype=dtype)
-    return steps / best_cpu(lambda: car_rollout(p, start, *held, at=[steps], engine="native"),
+    return steps / best_cpu(lambda: car_rollout(p, start, *held, output_samples=[steps],
+                                                engine="native"),
                             ROUNDS)
 
 

@@ -14,7 +14,7 @@ with Car.open() as car:
     car.arm()
     worst = 0.0
     for s in car.states(duration=path.length / SPEED):
-        steering = pursuit.steer(s.estimate.at(car.now))
+        steering = pursuit.steer(s.estimate.predict(car.now))
         car.drive_speed(steering=steering, speed=SPEED)
         worst = max(worst, abs(pursuit.offset))
     print(f"{pursuit.s:.1f} m along the path, never more than {100 * worst:.1f} cm off it")

@@ -1,4 +1,4 @@
-"""Programs of version 0.1 import what they did, and get the new path in a warning."""
+"""Programs of older versions import and call what they did, and get the new name in a warning."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import sys
 import warnings
 from importlib import import_module
 
+import numpy as np
 import pytest
 
-from dart_hal import Car
+from dart_hal import PAPER, Car, figure_of_eight, rollout
 from dart_hal.compat import MOVED, MOVED_MEMBERS, find_new_path
+from dart_hal.vehicle.batch import car_rollout
 
 PATHS = {
     "dart_hal": "Car Fleet",
@@ -133,3 +135,41 @@ def test_members_of_a_car_are_at_their_new_paths(url):
 def test_no_other_member_is_known():
     with Car.open("sim://") as car, pytest.raises(AttributeError, match="lidars"):
         _ = car.lidars
+
+
+def check_renamed(old, new, match):
+    """Both calls return the same; the first warns in the line of the program."""
+    with pytest.warns(DeprecationWarning, match=match) as deprecations:
+        result = old()
+    assert deprecations[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_equal(result, new())
+
+
+def test_names_of_version_0_2_in_a_path():
+    path = figure_of_eight(0.5)
+    check_renamed(lambda: path.at(0.5), lambda: path.interpolate(0.5), r"Path.at is Path.interpol")
+    check_renamed(lambda: path.closest(0.1, 0.2, near=0.0),
+                  lambda: path.closest(0.1, 0.2, s_guess=0.0), r"near=...\) is .*\(s_guess")
+
+
+def test_names_of_version_0_2_in_a_rollout():
+    start = np.zeros((6, 1))
+    inputs = [np.full((5, 1), 0.2)] * 2
+    for function, states in ((rollout, start), (car_rollout, np.zeros((8, 1)))):
+        check_renamed(lambda f=function, s=states: f(PAPER, s, *inputs, at=[2]),
+                      lambda f=function, s=states: f(PAPER, s, *inputs, output_samples=[2]),
+                      r"rollout\(at=...\) is (car_)?rollout\(output_samples")
+    with pytest.raises(TypeError):
+        rollout(PAPER, start, *inputs, at=[2], output_samples=[2])
+
+
+def test_names_of_version_0_2_in_a_car():
+    with Car.open("sim://") as car:
+        estimate = next(car.states()).estimate
+        check_renamed(lambda: estimate.at(car.now).pose.x,
+                      lambda: estimate.predict(car.now).pose.x, "at is MotionEstimate.predict")
+        check_renamed(lambda: car.run_stop(True, by="judge"),
+                      lambda: car.run_stop(False, source="judge"), r"run_stop\(source=")
+        assert car.refusals() == ()

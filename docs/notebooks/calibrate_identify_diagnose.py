@@ -63,11 +63,11 @@ Image("steering.png", width=620)
 # %%
 with Car.open(URL, cars="cars", record="eights.mcap") as car:
     car.arm()
-    pose = next(car.states()).estimate.at(car.now).pose
+    pose = next(car.states()).estimate.predict(car.now).pose
     path = figure_of_eight(0.9).moved(pose.x, pose.y, pose.yaw)
     pursuit = Pursuit(path, plant_of(car.files))
     for s in car.states(duration=30.0):
-        car.drive_speed(steering=pursuit.steer(s.estimate.at(car.now)), speed=1.0)
+        car.drive_speed(steering=pursuit.steer(s.estimate.predict(car.now)), speed=1.0)
 
 # %% [markdown]
 # Then predict that drive from the logged commands alone. The table has the model's errors before the bar, those of constant velocity and yaw rate behind it.

@@ -37,7 +37,7 @@ print(f"{TRACK.length:.2f} m, tightest bend {1 / np.abs(TRACK.curvature).max():.
 # ## Your controller
 #
 # This one is Stanley's (G. Hoffmann et al., 2007): steer the heading error away, and the distance from the path by an arctangent. It is a class with one method; put yours in its place.
-# `s.estimate.at(car.now)` is the pose that the motion capture, the wheels and the gyro give for this very moment. `TRACK.closest`
+# `s.estimate.predict(car.now)` is the pose that the motion capture, the wheels and the gyro give for this very moment. `TRACK.closest`
 # finds the arc length along the path, `TRACK.offset` the distance to its left.
 
 # %%
@@ -53,7 +53,7 @@ class Stanley:
         x = motion.pose.x + self.wheelbase * np.cos(yaw)
         y = motion.pose.y + self.wheelbase * np.sin(yaw)
         self.s = self.path.closest(x, y, self.s)
-        turned = remainder(yaw - self.path.at(self.s).heading, 2 * pi)
+        turned = remainder(yaw - self.path.interpolate(self.s).heading, 2 * pi)
         left = self.path.offset(x, y, self.s)
         return -turned - atan(self.gain * left / max(motion.speed, 0.3))
 
@@ -63,11 +63,11 @@ def drive(gain, seconds, throttle, record=None):
     rows = []
     with Car.open(URL, record=record) as car:
         car.arm()
-        motion = next(car.states()).estimate.at(car.now)
+        motion = next(car.states()).estimate.predict(car.now)
         path = TRACK.moved(motion.pose.x, motion.pose.y, motion.pose.yaw)
         law, s, begun = Stanley(path, car.files.config.geometry.wheelbase, gain), 0.0, car.now
         for state in car.states(duration=seconds):
-            motion, t = state.estimate.at(car.now), car.now - begun
+            motion, t = state.estimate.predict(car.now), car.now - begun
             car.drive(steering=law.steer(motion), throttle=throttle(t))
             s = path.closest(motion.pose.x, motion.pose.y, s)
             offset = path.offset(motion.pose.x, motion.pose.y, s)
@@ -131,7 +131,7 @@ def lap(model, speed=1.5):
                             Rules(laps=2, duration=60.0, lane=1.0, here=True))
         car.arm()
         for state in car.states(duration=90.0):
-            steering, wanted = follower.answer(state.estimate.at(car.now))
+            steering, wanted = follower.answer(state.estimate.predict(car.now))
             if follower.phase is Phase.ENDED:
                 break
             car.drive_speed(steering=steering, speed=wanted)

@@ -44,7 +44,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 def url(layout, route, s, world):
     """An emulated car whose middle is at s [m] of its route."""
-    at = layout.routes[layout.number(route)].path.at(s - AXLE)
+    at = layout.routes[layout.number(route)].path.interpolate(s - AXLE)
     x, y, yaw = at.x, at.y, at.heading
     return (f"sim://?nano=mock&vehicle=upstream-2024&world={world}&at={x:.4f},{y:.4f},{yaw:.5f}"
             "&mocap=1")
@@ -81,7 +81,7 @@ def free(k, crosser, motions, lanes):
     for n, o in enumerate(motions):
         if n != k and lanes[n] == lanes[k]:
             x, y = middle(o.pose)
-            at = crosser.path.at(crosser.s)
+            at = crosser.path.interpolate(crosser.s)
             along = cos(at.heading) * (x - at.x) + sin(at.heading) * (y - at.y)
             ways += [along] if along > 0.0 else []
     return min(ways, default=float("inf"))
@@ -102,7 +102,7 @@ def drive(layout, world="crossing"):
             minds = crossers(fleet, layout)
             fleet.arm()
             for states in fleet.states(duration=LASTS):
-                motions = [state.estimate.at(car.now)
+                motions = [state.estimate.predict(car.now)
                            for state, car in zip(states, fleet.cars, strict=True)]
                 for k, (car, member, mind) in enumerate(
                         zip(fleet.cars, fleet.members, minds, strict=True)):
@@ -135,7 +135,7 @@ def floor(axes, layout, minds):
     for route in layout.routes:
         axes.plot(route.path.x, route.path.y, color="0.85", lw=7, solid_capstyle="round", zorder=0)
     for mind, colour in zip(minds, COLOURS, strict=True):
-        entry = mind.path.at(layout.entry[mind.coordinator.route])
+        entry = mind.path.interpolate(layout.entry[mind.coordinator.route])
         c, s = 0.2 * cos(entry.heading), 0.2 * sin(entry.heading)
         axes.plot([entry.x - s, entry.x + s], [entry.y + c, entry.y - c], color=colour, lw=1.5)
     axes.set_aspect("equal")

@@ -79,7 +79,7 @@ def drive(where, cars, law, weights, obstacle=False):
             if not rolled:
                 car.drive_speed(steering=0.0, speed=WALK)
                 continue
-            motion = state.estimate.at(car.now)
+            motion = state.estimate.predict(car.now)
             steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 break
@@ -102,7 +102,7 @@ def place(path, obstacles, t):
     if not obstacles:
         return None
     o = obstacles[0]
-    spot = path.at(o.s + o.speed * (t - o.t))
+    spot = path.interpolate(o.s + o.speed * (t - o.t))
     return spot.x - o.offset * sin(spot.heading), spot.y + o.offset * cos(spot.heading)
 
 
@@ -157,7 +157,7 @@ def draw(drives, file):
 def line(found):
     """x, y of a drive, laid on the track as it is drawn."""
     s, left = found.offset.T
-    spots = np.array([TRACK.at(at)[:3] for at in s])
+    spots = np.array([TRACK.interpolate(at)[:3] for at in s])
     return spots[:, 0] - left * np.sin(spots[:, 2]), spots[:, 1] + left * np.cos(spots[:, 2])
 
 

@@ -80,7 +80,7 @@ def drive(where, folder, model):
                             Rules(LAPS, duration=60.0, lane=LOST, here=True))
         car.arm()
         for state in car.states(duration=90.0):
-            steering, speed = follower.answer(state.estimate.at(car.now))
+            steering, speed = follower.answer(state.estimate.predict(car.now))
             if follower.phase is Phase.ENDED:
                 break
             car.drive_speed(steering=steering, speed=speed)

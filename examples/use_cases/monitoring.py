@@ -73,7 +73,7 @@ def drive(where, formation=TEAM, omega=OMEGA, coupling=COUPLING, room=ROOM, seco
         for tick, states in enumerate(fleet.states(duration=seconds)):
             for car, member, robot, state in zip(fleet.cars, fleet.members, team, states,
                                                  strict=True):
-                motion = state.estimate.at(car.now)
+                motion = state.estimate.predict(car.now)
                 told = {name: other.plan for name, other in member.other_poses().items()
                         if other.plan is not None and other.plan.frame == motion.frame}
                 steering, speed = robot.answer(motion, told)

@@ -78,7 +78,7 @@ def corridor(folder, length=LONG):
 
 def starts(path, cars=CARS, first=5.0):
     """x, y, yaw of the rear axles, the leader's first."""
-    spots = [path.at(first - APART * n) for n in range(cars)]
+    spots = [path.interpolate(first - APART * n) for n in range(cars)]
     return [f"{spot.x:.4f},{spot.y:.4f},{spot.heading:.4f}" for spot in spots]
 
 
@@ -138,7 +138,7 @@ def drive(
         for tick, states in enumerate(fleet.states(duration=lasts)):
             for n, (car, state, one) in enumerate(zip(fleet.cars, states, drive.cars,
                                                       strict=True)):
-                motion = state.estimate.at(car.now)
+                motion = state.estimate.predict(car.now)
                 motion = see(n, motion) if see else motion
                 t = car.now - begun[n]
                 told = ahead_of(fleet.other_poses(fleet.names[n]), fleet.names[n - 1],

@@ -1,4 +1,4 @@
-"""Paths of version 0.1, kept for one version with a DeprecationWarning.
+"""Old paths and names, kept for one version with a DeprecationWarning.
 
 ``import dart_hal.sim`` imports ``dart_lab.sim`` and gives the same module under both names. Strings
 here are the only way in which this package reaches ``dart_lab``.
@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
 MOVED = {
     # one module
@@ -109,9 +113,42 @@ def load_moved_member(car: Any, name: str) -> Any:
     return getattr(getattr(car, part), member) if there else without
 
 
-def _warn(old: str, new: str, level: int) -> None:
-    """Warn where a program names an old path: ``level`` calls above."""
-    warnings.warn(f"{old} is {new} since version 0.2", DeprecationWarning, stacklevel=level)
+class RenamedMethod:
+    """Gives a method of version 0.2 under its old name: ``at = RenamedMethod("predict")``."""
+
+    def __init__(self, new: str) -> None:
+        self._new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._owner = owner.__name__
+        self._old = name
+
+    def __get__(self, instance: object, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        _warn(f"{self._owner}.{self._old}", f"{self._owner}.{self._new}", 3, "0.3")
+        return getattr(instance, self._new)
+
+
+def accept_old_keyword(old: str, new: str) -> Callable[
+        [Callable[Parameters, Result]], Callable[Parameters, Result]]:
+    """Make a function accept a parameter by the name that it had in version 0.2, too."""
+    def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+        @wraps(function)
+        def call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+            if old in kwargs and new not in kwargs:
+                name = function.__qualname__
+                _warn(f"{name}({old}=...)", f"{name}({new}=...)", 3, "0.3")
+                kwargs[new] = kwargs.pop(old)
+            return function(*args, **kwargs)
+        return call
+    return decorate
+
+
+def _warn(old: str, new: str, level: int, version: str = "0.2") -> None:
+    """Warn where a program uses an old path or name: ``level`` calls above."""
+    warnings.warn(f"{old} is {new} since version {version}", DeprecationWarning,
+                  stacklevel=level)
 
 
 class _NewModule:

@@ -109,7 +109,7 @@ class Emulated:
         for states in fleet.states(duration=seconds):
             begun = states[0].t if begun is None else begun
             t = states[0].t - begun
-            motions = [state.estimate.at(car.now)
+            motions = [state.estimate.predict(car.now)
                        for state, car in zip(states, fleet.cars, strict=True)]
             for k in range(len(motions)):
                 if fault.kind and k == fault.car and t > fault.t:
@@ -181,7 +181,7 @@ class Emulated:
 
     def __enter__(self):
         for mind, (route, s) in zip(self.minds, self.of.ROUTES, strict=True):
-            at = self.layout.routes[self.layout.number(route)].path.at(s - self.of.AXLE)
+            at = self.layout.routes[self.layout.number(route)].path.interpolate(s - self.of.AXLE)
             mind.start = at.x, at.y, at.heading
         return self
 

@@ -100,7 +100,7 @@ class LightDrive:
         self.s += STEP * self.v
 
     def middle(self) -> tuple[float, float]:
-        spot = self.path.at(self.s)
+        spot = self.path.interpolate(self.s)
         d = self.start.across
         return spot.x - d * sin(spot.heading), spot.y + d * cos(spot.heading)
 
@@ -214,11 +214,11 @@ AHEAD, BESIDE = 1.5, 0.12
 def gap(car: LightDrive, other: LightDrive) -> float:
     """m along the path to the middle of a car on it; inf: there is none."""
     x, y = other.middle()
-    spot = car.path.at(car.s)
+    spot = car.path.interpolate(car.s)
     if hypot(x - spot.x, y - spot.y) > AHEAD:
         return inf
     for d in np.arange(0.0, AHEAD, 0.05):
-        at = car.path.at(car.s + d)
+        at = car.path.interpolate(car.s + d)
         along = cos(at.heading) * (x - at.x) + sin(at.heading) * (y - at.y)
         left = cos(at.heading) * (y - at.y) - sin(at.heading) * (x - at.x)
         if abs(along) <= 0.03 and abs(left) < BESIDE:

@@ -31,7 +31,7 @@ class Planned:
         self.mpc = Mpcc(P, self.path, self._paces, limits_of(P))
         self.speed = layout.speed
         self.loop = Loop(self.mpc)
-        spot = self.path.at(start.s)
+        spot = self.path.interpolate(start.s)
         self.loop.car = LightCar(P)
         self.loop.car.reset(spot.x, spot.y, spot.heading)
         self.s = self.loop.s = start.s - AHEAD
@@ -43,7 +43,7 @@ class Planned:
         return np.minimum(self.speed, safe_speed(line - AHEAD - s))
 
     def seen(self):
-        z, spot, (a, b) = self.loop.seen(), self.path.at(self.s), (self.start.along,
+        z, spot, (a, b) = self.loop.seen(), self.path.interpolate(self.s), (self.start.along,
                                                                   self.start.across)
         c, s = cos(spot.heading), sin(spot.heading)
         z[0], z[1] = z[0] + a * c - b * s, z[1] + a * s + b * c

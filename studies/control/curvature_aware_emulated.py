@@ -94,7 +94,7 @@ def driven(car, follower, start, world) -> list[tuple[float, ...]]:
     x0, y0, yaw0 = start
     c, s, rows, armed = cos(yaw0), sin(yaw0), [], False
     for state in car.states(duration=150.0):
-        steering, wanted = follower.answer(state.estimate.at(car.now))
+        steering, wanted = follower.answer(state.estimate.predict(car.now))
         if follower.phase in (Phase.STOPPING, Phase.ENDED):
             break
         if follower.phase is Phase.WAITING:

@@ -68,7 +68,7 @@ def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc") -> Passing:
             if not rolled:
                 car.drive_speed(steering=0.0, speed=WALK)
                 continue
-            motion = state.estimate.at(car.now)
+            motion = state.estimate.predict(car.now)
             steering, wanted = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 break

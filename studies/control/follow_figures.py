@@ -190,7 +190,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str | Make = "
                                 Rules(laps=laps, here=not lidar, lane=1.0 if blind else 0.3,
                                       duration=120.0))
             for state in car.states(duration=150.0):
-                steering, wanted = follower.answer(state.estimate.at(car.now))
+                steering, wanted = follower.answer(state.estimate.predict(car.now))
                 if follower.phase in (Phase.STOPPING, Phase.ENDED):
                     break
                 if follower.phase is Phase.WAITING:

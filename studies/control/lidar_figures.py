@@ -117,7 +117,7 @@ class Other:
 
     def until(self, t: float) -> None:
         s = self.follower.tracker.s if self.follower and self.follower.driven.rows else 0.0
-        spot = self._path.at(s + 0.5 * self._path.length)
+        spot = self._path.interpolate(s + 0.5 * self._path.length)
         while self._t < t:
             self._t += 0.005
             self.place.trail(self._t, *spot[:3])
@@ -200,7 +200,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     unit, trail, others = backend.lidar.unit, world.trail, []
     unit._room = moved(room, seed)
     if path is not None:
-        x, y, yaw, _ = path.at(0.5 * path.length)
+        x, y, yaw, _ = path.interpolate(0.5 * path.length)
         place = enter_arena(Url.parse(f"sim://?world=hall-{seed}&at={x},{y},{yaw}"), "other")
         place._turn, place.start = (1.0, 0.0), (0.0, 0.0, 0.0)  # its trail is told in the hall
         others.append(Other(place, path))

@@ -46,13 +46,13 @@ class Bead:
 
     @property
     def place(self):
-        spot = self.monitor.course.path.at(self.s)
+        spot = self.monitor.course.path.interpolate(self.s)
         return np.array(
             (spot.x + CENTRE_OFFSET * cos(spot.heading), spot.y + CENTRE_OFFSET * sin(spot.heading))
         )
 
     def go(self, t: float, told: dict) -> None:
-        spot = self.monitor.course.path.at(self.s)
+        spot = self.monitor.course.path.interpolate(self.s)
         motion = motion_at(t, Pose(spot.x, spot.y, spot.heading), self.v, self.v * spot.curvature)
         self._asked.append(0.0 if self.dead else self.monitor.answer(motion, told).speed)
         wanted = self._asked.popleft()

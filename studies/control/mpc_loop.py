@@ -88,7 +88,7 @@ class Loop:
 
     def __post_init__(self) -> None:
         path, l_r = self.mpc.reference.path, self.true.body.l_r
-        spot, (offset, turn) = path.at(0.0), self.start
+        spot, (offset, turn) = path.interpolate(0.0), self.start
         yaw = spot.heading + turn
         self.car, self.s, self.rows = LightCar(self.true), 0.0, []
         self.car.reset(

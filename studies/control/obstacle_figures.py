@@ -29,7 +29,7 @@ def passed(seed: int, speed: float, moving: float, side: float = 0.15) -> tuple[
     ahead, offset = float(rng.uniform(4.0, 12.0)), float(rng.choice((-side, side)))
 
     def make(path: Path, plant: Plant) -> Contouring:
-        spot = path.at(ahead)
+        spot = path.interpolate(ahead)
         disc = Disc(spot.x - offset * sin(spot.heading), spot.y + offset * cos(spot.heading),
                     RADIUS, moving)
         return contouring(path, plant, discs=(disc,))

@@ -36,7 +36,7 @@ def lap(speed: float, laps: float = 3.0, predicted: float = PREDICTED) -> tuple[
         x, y, yaw, v, _, omega = car.state[:6]
         x, y, yaw = (x + v * cos(yaw) * predicted, y + v * sin(yaw) * predicted,
                      yaw + omega * predicted)
-        target = path.at(path.closest(x, y, s) + AHEAD)
+        target = path.interpolate(path.closest(x, y, s) + AHEAD)
         dx, dy = target.x - x, target.y - y
         alpha = atan2(dy, dx) - yaw
         angle = atan2(2.0 * LENGTH * sin(alpha), (hypot(dx, dy) ** 2 + 0.001) ** 0.5)

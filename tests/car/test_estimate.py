@@ -117,15 +117,15 @@ def test_dead_reckoning_with_a_doubted_encoder_has_a_large_covariance(fault, mon
 def test_ahead_it_goes_on_along_its_arc():
     state = drive(KINEMATIC_3_URL, 3.0)[-1][0]
     now = state.estimate
-    soon = now.at(state.t + 0.1)
+    soon = now.predict(state.t + 0.1)
     assert soon.t == pytest.approx(state.t + 0.1)
     assert hypot(soon.pose.x - now.pose.x, soon.pose.y - now.pose.y) == pytest.approx(
         0.1 * now.speed)
     assert soon.pose.yaw - now.pose.yaw == pytest.approx(0.1 * now.yaw_rate)
     assert (np.diag(soon.cov) > np.diag(now.cov)).all()
     assert np.linalg.eigvalsh(soon.cov)[0] > 0.0
-    assert now.at(state.t - 1.0) is now
-    assert now.at(state.t + 99.0).t == pytest.approx(state.t + 0.5)
+    assert now.predict(state.t - 1.0) is now
+    assert now.predict(state.t + 99.0).t == pytest.approx(state.t + 0.5)
 
 
 def test_the_present_moment_is_on_the_clock_of_the_states():
@@ -135,4 +135,4 @@ def test_the_present_moment_is_on_the_clock_of_the_states():
             pass
         for state in car.states(duration=0.2):
             assert 0.0005 < car.now - state.t < 0.005
-            assert state.estimate.at(car.now).t == car.now
+            assert state.estimate.predict(car.now).t == car.now

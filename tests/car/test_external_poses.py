@@ -43,7 +43,7 @@ def flat(state):
     pose = None if e.pose is None else (e.pose.x, e.pose.y, e.pose.yaw, e.pose.cov.tobytes())
     newest = e.newest and (e.newest.stamp, e.newest.arrival, e.newest.x, e.newest.yaw,
                            e.newest.cov.tobytes())
-    rows = state.estimate.at(state.t + 0.02)
+    rows = state.estimate.predict(state.t + 0.02)
     best = (rows.t, rows.pose.x, rows.pose.y, rows.pose.yaw, rows.speed, rows.yaw_rate,
             rows.cov.tobytes(), rows.frame)
     return state.t, e.tracking, e.age, pose, newest, best

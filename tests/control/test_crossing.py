@@ -152,7 +152,7 @@ class MidPlane:
         change = speed - car.v
         ramp = np.minimum(t, abs(change) / 2.0)
         way = car.v * t + np.sign(change) * (ramp * t - 0.5 * ramp**2) * 2.0
-        return np.array([car.path.at(car.s + w)[:2] for w in np.maximum(way, 0.0)])
+        return np.array([car.path.interpolate(car.s + w)[:2] for w in np.maximum(way, 0.0)])
 
     def speed(self, i, most):
         """The highest of some speeds whose plan is in every half plane."""
@@ -216,7 +216,8 @@ def test_the_line_never_falls_and_keeps_the_distance():
             for place, most in zip(s[::20], line[::20], strict=True):
                 own = made.routes[b].path
                 free = own.s < min(most, own.length) - 1e-9
-                here = np.hypot(own.x[free] - path.at(place).x, own.y[free] - path.at(place).y)
+                point = path.interpolate(place)
+                here = np.hypot(own.x[free] - point.x, own.y[free] - point.y)
                 assert here.min(initial=1.0) >= made.min_distance - 1e-9
 
 

@@ -174,7 +174,7 @@ def test_a_first_plan_from_anywhere_is_one_or_is_none():
         s = rng.uniform(0.0, 22.0)
         offset = rng.uniform(-1.0, 1.0)
         turn = rng.uniform(-1.6, 1.6)
-        spot = TRACK.at(s)
+        spot = TRACK.interpolate(s)
         state = np.array((spot.x - offset * np.sin(spot.heading),
                           spot.y + offset * np.cos(spot.heading), spot.heading + turn,
                           rng.uniform(0.0, 2.2), 0.0, 0.0, -p.motor.g, rng.uniform(-0.5, 0.5)))

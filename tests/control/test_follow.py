@@ -205,7 +205,7 @@ def test_a_start_is_found_anywhere_and_by_the_heading():
     eight = track_named("eight")
     half = eight.length / 2
     assert find_start(eight, Pose(0.02, 0.0, 0.1)) % half == pytest.approx(0.02, abs=0.03)
-    spot = eight.at(9.0)
+    spot = eight.interpolate(9.0)
     assert find_start(eight, Pose(spot.x, spot.y, spot.heading + 1.2)) == pytest.approx(
         9.0, abs=0.03
     )
@@ -216,7 +216,7 @@ def test_a_start_is_found_anywhere_and_by_the_heading():
 @pytest.mark.slow
 def test_a_drive_may_begin_anywhere():
     track = track_named("savoiardo")
-    spot = track.at(5.0)
+    spot = track.interpolate(5.0)
     follower, _ = drive(track, start=(spot.x + 0.4, spot.y + 0.6, spot.heading + 0.9), seconds=40.0)
     assert follower.good
     assert follower.begun_at == pytest.approx(5.0, abs=1.0)

@@ -43,7 +43,7 @@ def points_of(path, pose, noise=0.015, keep=(0, 1)):
 
 
 def pose_off_path(path, s, left=0.0, turned=0.0):
-    spot = path.at(s)
+    spot = path.interpolate(s)
     return Pose(spot.x - left * sin(spot.heading), spot.y + left * cos(spot.heading),
                 spot.heading + turned)
 

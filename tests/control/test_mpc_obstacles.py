@@ -31,7 +31,7 @@ def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
 def test_a_disc_lies_across_from_the_nearest_point(x, y, offset):
     """The track begins at (2.25, 0) along +x; x = 4.5 is a straight upwards."""
     o = Disc(x, y, 0.1, 0.3).locate(TRACK, 7.0)
-    spot = TRACK.at(o.s)
+    spot = TRACK.interpolate(o.s)
     assert o.offset == pytest.approx(offset, abs=1e-3)
     assert spot.x - o.offset * np.sin(spot.heading) == pytest.approx(x, abs=1e-3)
     assert spot.y + o.offset * np.cos(spot.heading) == pytest.approx(y, abs=1e-3)

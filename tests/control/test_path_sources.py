@@ -41,7 +41,7 @@ def test_a_spline_has_no_kink(closed):
     """Heading and curvature are those of the points themselves, over the seam of a closed one."""
     path = Path.through([(0, 0), (1, 0.1), (2, 1), (1, 2), (-0.5, 1)], closed=closed)
     s = np.arange(0.0, path.length * (2 if closed else 1) - 0.02, 0.01)
-    spots = np.array([path.at(v) for v in s])
+    spots = np.array([path.interpolate(v) for v in s])
     step = np.diff(spots[:, :2], axis=0)
     turned = np.unwrap(spots[:, 2])
     assert np.hypot(*step.T) == pytest.approx(np.full(len(step), 0.01), rel=0.01)
@@ -51,11 +51,12 @@ def test_a_spline_has_no_kink(closed):
 
 def test_an_open_path_goes_on_straight_and_a_closed_one_again():
     path = Path([(1.0, 0.0), (0.5 * pi, 1.0)], closed=False)
-    x, y, heading, bend = path.at(path.length + 0.5)
+    x, y, heading, bend = path.interpolate(path.length + 0.5)
     assert (x, y, heading, bend) == pytest.approx((2.0, 1.5, 0.5 * pi, 0.0))
     assert path.curvatures(np.array([-1.0, 0.5, 1.5, 9.0])).tolist() == [0.0, 0.0, 1.0, 0.0]
     ring = Path.through(circle(), closed=True)
-    assert ring.at(0.3 + 2 * ring.length)[:2] == pytest.approx(ring.at(0.3)[:2], abs=1e-9)
+    assert ring.interpolate(0.3 + 2 * ring.length)[:2] == pytest.approx(
+        ring.interpolate(0.3)[:2], abs=1e-9)
 
 
 def test_the_closest_point_is_found_to_a_tenth_of_a_millimetre():
@@ -63,7 +64,7 @@ def test_the_closest_point_is_found_to_a_tenth_of_a_millimetre():
     rng = np.random.default_rng(1)
     near = 0.0
     for s in np.arange(0.0, 30.0, 0.37):
-        x, y, heading, _ = path.at(s)
+        x, y, heading, _ = path.interpolate(s)
         left = float(rng.uniform(-0.3, 0.3))
         near = path.closest(x - left * sin(heading), y + left * cos(heading), near)
         assert near == pytest.approx(s, abs=2e-3)
@@ -73,8 +74,8 @@ def test_the_closest_point_is_found_to_a_tenth_of_a_millimetre():
 
 def test_a_moved_path_begins_there():
     path = track_named("savoiardo").moved(3.0, -1.0, 2.0)
-    assert path.at(0.0)[:3] == pytest.approx((3.0, -1.0, 2.0))
-    assert path.at(1.0)[:2] == pytest.approx((3.0 + cos(2.0), -1.0 + sin(2.0)))
+    assert path.interpolate(0.0)[:3] == pytest.approx((3.0, -1.0, 2.0))
+    assert path.interpolate(1.0)[:2] == pytest.approx((3.0 + cos(2.0), -1.0 + sin(2.0)))
     assert path.length == track_named("savoiardo").length
 
 

@@ -61,7 +61,7 @@ def driven(name, spoil):
         car.arm()
         moved = None
         for state in car.states(duration=15.0):
-            steering, speed = follower.answer(state.estimate.at(car.now))
+            steering, speed = follower.answer(state.estimate.predict(car.now))
             outcomes.extend(follower.tracker.told.get("outcome", ()))
             moved = state.t if moved is None and state.speed > 0.1 else moved
             if ceased is None and moved is not None and state.t > moved + SPOILT:
@@ -124,7 +124,7 @@ def start_off_path(offset):
         armed = False
         try:
             for state in car.states(duration=15.0):
-                steering, speed = follower.answer(state.estimate.at(car.now))
+                steering, speed = follower.answer(state.estimate.predict(car.now))
                 if follower.phase is Phase.ENDED:
                     break
                 if not armed:

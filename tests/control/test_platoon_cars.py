@@ -23,7 +23,7 @@ BRIEF = {**SHORT, "cars": 2, "lasts": 5.5, "brakes": 5.0}
 
 def tail(path, s, width=0.19, n=12):
     """Points of the tail of a car whose rear axle is at s [m]."""
-    spot = path.at(s - REAR_LENGTH)
+    spot = path.interpolate(s - REAR_LENGTH)
     aside = np.linspace(-0.5, 0.5, n)[:, None] * width
     return np.array((spot.x, spot.y)) + aside * (-np.sin(spot.heading), np.cos(spot.heading))
 
@@ -34,7 +34,7 @@ def tail(path, s, width=0.19, n=12):
 def test_the_gap_by_a_scan_is_to_what_is_in_the_lane(path, s, most):
     away = s + 0.6 + FRONT_LENGTH + REAR_LENGTH
     board = np.array([(p.x - 0.35 * np.sin(p.heading), p.y + 0.35 * np.cos(p.heading))
-                      for p in map(path.at, np.arange(s, s + 3.0, 0.05))])
+                      for p in map(path.interpolate, np.arange(s, s + 3.0, 0.05))])
     points = np.vstack((tail(path, away), board, [[0.0, 0.0]]))
     t = np.linspace(1.0, 1.1, len(points))
     gap = measure_gap(points, t, path, np.full(len(points), s))
@@ -43,7 +43,7 @@ def test_the_gap_by_a_scan_is_to_what_is_in_the_lane(path, s, most):
     assert measure_gap(board, t[12:-1], path, np.full(len(board), s)) is None, (
         "control: boards alone"
     )
-    spot = path.at(away)
+    spot = path.interpolate(away)
     assert gap_from_pose(spot.x, spot.y, 1.0, path, s).metres == pytest.approx(0.6, abs=0.01)
 
 

@@ -29,7 +29,7 @@ LONG_STRAIGHT = Path([(9.0, 0.0)], closed=False)
 
 def place_car(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
     """A car whose middle is there."""
-    spot = path.at(s)
+    spot = path.interpolate(s)
     yaw = spot.heading + turn
     x = spot.x - offset * sin(spot.heading)
     y = spot.y + offset * cos(spot.heading)
@@ -135,7 +135,7 @@ class TrafficDrive:
             fleet.arm()
             begun = own.now
             for states in fleet.states(duration=seconds):
-                motion = states[0].estimate.at(own.now)
+                motion = states[0].estimate.predict(own.now)
                 if not blind:
                     self.others.update(motion)
                 steering, speed = self.follower.answer(motion)

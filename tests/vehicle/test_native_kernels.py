@@ -111,7 +111,7 @@ def test_two_seconds_of_transients(p, lanes):
     steering = 0.4 * np.sin(5 * t + phase)
     vehicle = vary_vehicles(p, N) if lanes else p
     at = [1, 50, 200]
-    native, numpy = (car_rollout(vehicle, state, throttle, steering, at=at, engine=e)
+    native, numpy = (car_rollout(vehicle, state, throttle, steering, output_samples=at, engine=e)
                      for e in ("native", "numpy"))
     assert largest_difference(native, numpy) < 1e-12
     if not lanes:
@@ -134,7 +134,7 @@ def test_rollouts_of_windows(p, lanes):
     angle = draw.uniform(-0.3, 0.3, (50, N))
     vehicle = vary_vehicles(p, N) if lanes else p
     at = [50, 0, 7, 7, 20]
-    native, numpy = (rollout(vehicle, state, throttle, angle, at=at, engine=e)
+    native, numpy = (rollout(vehicle, state, throttle, angle, output_samples=at, engine=e)
                      for e in ("native", "numpy"))
     assert np.array_equal(native[1], state)
     assert largest_difference(native, numpy) < 1e-12
@@ -195,7 +195,8 @@ def test_what_is_not_finite_is_left_to_numpy():
     start = np.array([[0.0, 0, 0, 4.0, 0, 0]]).T
     many = np.full((400, 1), 1.0), np.zeros((400, 1))
     with np.errstate(all="ignore"):
-        runs = [rollout(wild, start, *many, at=[400], engine=e) for e in ("native", "numpy")]
+        runs = [rollout(wild, start, *many, output_samples=[400], engine=e)
+                for e in ("native", "numpy")]
     assert [bool(np.isfinite(r[0, 3, 0])) for r in runs] == [False, False]
 
 
@@ -205,7 +206,7 @@ def test_wrong_requests_are_refused():
     with pytest.raises(UsageError, match="no engine"):
         rollout(PAPER, state, held, held, engine="cuda")
     with pytest.raises(UsageError, match="cannot be read there"):
-        rollout(PAPER, state, held, held, at=[6], engine="native")
+        rollout(PAPER, state, held, held, output_samples=[6], engine="native")
     with pytest.raises(UsageError, match="no compiled kernel"):
         Batch(PAPER, 3, dtype=np.float16, engine="native")
     with pytest.raises(UsageError, match="a vehicle for each car"):
@@ -257,7 +258,7 @@ def test_any_step_can_become_a_kernel(tmp_path):
     for _ in range(30):
         expected = step(*expected, 0.2, 0.2)
     assert largest_difference(got, np.array(expected)) < 1e-12
-    calm = car_rollout(PAPER, state, held, held, at=[30], engine="native")[0]
+    calm = car_rollout(PAPER, state, held, held, output_samples=[30], engine="native")[0]
     assert largest_difference(calm, got) > 0.05
 
 

@@ -37,7 +37,7 @@ def settle(p, throttle, delta, engine, seconds=5.0):
     start = np.zeros((6, n))
     start[3] = 1.2
     held = (np.repeat(u[None], samples, axis=0) for u in (throttle, delta))
-    return rollout(p, start, *held, at=[samples], engine=engine)[0, 3:]
+    return rollout(p, start, *held, output_samples=[samples], engine=engine)[0, 3:]
 
 
 @ENGINE
@@ -101,12 +101,12 @@ def test_a_mirrored_drive_is_the_mirror_image(engine, p, seed):
                        (-0.5, 0.5))])
     throttle = draw.uniform(0.25, 0.4, (steps, n))
     steering = draw.uniform(-0.5, 0.5, (steps, n))
-    there = car_rollout(p, start, throttle, steering, at=[steps], engine=engine)[0]
-    mirrored = car_rollout(p, start * LEFT_RIGHT, throttle, -steering, at=[steps],
+    there = car_rollout(p, start, throttle, steering, output_samples=[steps], engine=engine)[0]
+    mirrored = car_rollout(p, start * LEFT_RIGHT, throttle, -steering, output_samples=[steps],
                            engine=engine)[0]
     assert mirrored == pytest.approx(there * LEFT_RIGHT, rel=1e-11, abs=1e-11)
     crooked = replace(p, steering=PAPER.steering)
-    other = [car_rollout(crooked, s, throttle, d, at=[steps], engine=engine)[0]
+    other = [car_rollout(crooked, s, throttle, d, output_samples=[steps], engine=engine)[0]
              for s, d in ((start, steering), (start * LEFT_RIGHT, -steering))]
     assert np.abs(other[1] - other[0] * LEFT_RIGHT).max() > 1e-3, "the control"
 
@@ -131,7 +131,7 @@ def test_without_throttle_energy_only_falls(engine, p, seed):
     start = np.stack([np.zeros(n), np.zeros(n), draw.uniform(-3, 3, n), draw.uniform(-4, 4, n),
                       draw.uniform(-1, 1, n), draw.uniform(-8, 8, n)])
     held = np.zeros((samples, n)), np.repeat(draw.uniform(-0.4, 0.4, (1, n)), samples, axis=0)
-    states = rollout(p, start, *held, at=range(samples + 1), sample=0.004, substeps=4,
+    states = rollout(p, start, *held, output_samples=range(samples + 1), sample=0.004, substeps=4,
                      engine=engine)
     course = energy(p, states)
     assert (np.diff(course, axis=0) <= 1e-9).all()
@@ -226,7 +226,7 @@ def test_a_step_of_10_ms_bears_the_paper_s_tyres_at_walking_pace(limited, chatte
     def yaw_rate(dt):
         n = round(1.0 / dt)
         held = np.zeros((n, 1)), np.full((n, 1), 0.1)
-        return car_rollout(free, start, *held, at=[n], dt=dt, engine="numpy")[0, 5, 0]
+        return car_rollout(free, start, *held, output_samples=[n], dt=dt, engine="numpy")[0, 5, 0]
 
     right = yaw_rate(0.0025)
     if not limited:

@@ -84,9 +84,10 @@ def test_every_lane_may_be_another_vehicle():
     heavy = with_values(PAPER, {"body.mass": 2.0})
     start = np.array([[0, 0], [0, 0], [0, 0], [1.0, 1.0], [0, 0], [0, 0]])
     inputs = np.full((50, 2), 0.3), np.full((50, 2), 0.1)
-    both = rollout(stack([PAPER, heavy]), start, *inputs, at=[10, 50])
+    both = rollout(stack([PAPER, heavy]), start, *inputs, output_samples=[10, 50])
     for lane, vehicle in enumerate((PAPER, heavy)):
-        one = rollout(vehicle, start[:, :1], inputs[0][:, :1], inputs[1][:, :1], at=[10, 50])
+        one = rollout(vehicle, start[:, :1], inputs[0][:, :1], inputs[1][:, :1],
+                      output_samples=[10, 50])
         np.testing.assert_allclose(both[:, :, lane], one[:, :, 0], rtol=1e-13)
     assert abs(both[1, 3, 0] - both[1, 3, 1]) > 0.005
     with pytest.raises(UsageError, match="different equations"):
@@ -98,12 +99,12 @@ def test_rollout_reads_the_requested_samples():
     throttle = np.full((20, 1), 0.3)
     angle = np.full((20, 1), 0.1)
     every = rollout(PAPER, start, throttle, angle)
-    some = rollout(PAPER, start, throttle, angle, at=[0, 7, 20])
+    some = rollout(PAPER, start, throttle, angle, output_samples=[0, 7, 20])
     np.testing.assert_array_equal(some, [start, every[6], every[19]])
     with pytest.raises(UsageError, match="shapes"):
         rollout(PAPER, start, throttle, angle[:, 0])
     with pytest.raises(UsageError, match="read there"):
-        rollout(PAPER, start, throttle, angle, at=[21])
+        rollout(PAPER, start, throttle, angle, output_samples=[21])
 
 
 @pytest.mark.parametrize("vehicle", SETS.values(), ids=SETS)
@@ -135,16 +136,16 @@ def test_a_start_of_integers_is_not_cut_off(engine):
     start[3] = 1
     throttle = np.full((20, 2), 0.3)
     angle = np.full((20, 2), 0.1)
-    got = rollout(PAPER, start, throttle, angle, at=[20], engine=engine)
+    got = rollout(PAPER, start, throttle, angle, output_samples=[20], engine=engine)
     assert got.dtype == np.float64
-    np.testing.assert_allclose(got, rollout(PAPER, start.astype(float), throttle, angle, at=[20],
-                                            engine=engine))
+    np.testing.assert_allclose(got, rollout(PAPER, start.astype(float), throttle, angle,
+                                            output_samples=[20], engine=engine))
     assert got[0, 0, 0] > 0.2
 
 
 @pytest.mark.parametrize("wrong", [
     {"substeps": 0}, {"substeps": -1}, {"sample": 0.0}, {"sample": -0.01}, {"sample": math.nan},
-    {"at": [1.5]}, {"at": [21]}, {"at": [-1]}])
+    {"output_samples": [1.5]}, {"output_samples": [21]}, {"output_samples": [-1]}])
 @pytest.mark.parametrize("engine", ["numpy", "auto"])
 def test_a_rollout_that_makes_no_sense_is_refused(engine, wrong):
     start = np.zeros((6, 2))

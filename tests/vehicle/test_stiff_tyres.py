@@ -53,8 +53,9 @@ def drive(p, start, dt, method="rk4"):
     throttle = force / (p.motor.d - p.motor.e * v) - p.motor.g
     lock = np.minimum(0.3, 0.3 / v**2)  # within the grip
     angle = np.concatenate([np.tile(lock, (20, 1)), np.tile(-lock, (20, 1))])
-    return batch.rollout(p, start, np.broadcast_to(throttle, (40, n)), angle, at=[10, 20, 40],
-                         substeps=round(0.01 / dt), method=method, engine="numpy")
+    return batch.rollout(p, start, np.broadcast_to(throttle, (40, n)), angle,
+                         output_samples=[10, 20, 40], substeps=round(0.01 / dt),
+                         method=method, engine="numpy")
 
 
 @cache

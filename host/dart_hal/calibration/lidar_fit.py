@@ -254,7 +254,7 @@ def _pose_at_middle(beams: Beams, pose: FloatArray) -> tuple[float, float, float
     """
     odometry = beams.stretch
     t = 0.5 * float(odometry.t[0] + odometry.t[-1])
-    x, y, yaw = (odometry.at(np.array((t,)))[0] - odometry.pose[-1]).tolist()
+    x, y, yaw = (odometry.interpolate(np.array((t,)))[0] - odometry.pose[-1]).tolist()
     turn = float(pose[2]) - float(odometry.pose[-1, 2])
     c = cos(turn)
     s = sin(turn)

@@ -35,7 +35,7 @@ from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import Record, Recorder, rename_existing
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.car.viewers import open_viewer
-from dart_hal.compat import load_moved_member
+from dart_hal.compat import accept_old_keyword, load_moved_member
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import EndOfRecording, NoHello
@@ -598,27 +598,28 @@ class Car:
             self._engine.driver.event(Event.UNLOCK, self._engine.now)
             self.note("unlock", {"reason": str(reason)})
 
-    def run_stop(self, held: bool, by: str = "program", reason: str = "") -> None:
+    @accept_old_keyword("by", "source")
+    def run_stop(self, held: bool, source: str = "program", reason: str = "") -> None:
         """Press or release a run-stop.
 
         While any source presses one, the throttle is neutral and the car cannot be armed. A car
         that was driving is tripped, and has to be armed again after the release.
 
         Args:
-            held: True: press; False: release the run-stop of ``by``, not those of other sources.
-            by: name of the source.
+            held: True: press; False: release the run-stop of ``source``, not those of others.
+            source: name of what presses it.
             reason: sentence for the operator.
 
         Example:
-            >>> car.run_stop(True, by="judge", reason="a person is on the track")
+            >>> car.run_stop(True, source="judge", reason="a person is on the track")
             >>> car.refusals()
             ('RUN_STOP',)
-            >>> car.run_stop(False, by="judge")
+            >>> car.run_stop(False, source="judge")
             >>> car.refusals()
             ()
         """
         with self._engine.lock:
-            self._engine.driver.set_run_stop(held, self._engine.now, by, reason)
+            self._engine.driver.set_run_stop(held, self._engine.now, source, reason)
 
     @property
     def stop_reason(self) -> str:
@@ -627,7 +628,7 @@ class Car:
         Empty if there was none.
 
         Example:
-            >>> car.run_stop(True, by="judge", reason="a person is on the track")
+            >>> car.run_stop(True, source="judge", reason="a person is on the track")
             >>> car.stop_reason
             'a person is on the track'
         """

@@ -211,7 +211,7 @@ class Member:
         """Press or release the run-stop of the room."""
         held = self.rule.drive_block(now)
         if held or self._held:
-            self.car.run_stop(bool(held), by="room", reason=f"run-stop of the room: {held}")
+            self.car.run_stop(bool(held), source="room", reason=f"run-stop of the room: {held}")
         self._held = held
 
     def _repeat(self, now: float) -> None:

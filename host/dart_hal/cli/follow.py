@@ -214,7 +214,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
 def estimate_motion(car: Car, state: State, rules: Rules) -> MotionEstimate:
     """Return the motion of the car now: in the frame of the poses, or by dead reckoning."""
     state = replace(state, external=None) if rules.odometry else state
-    return state.estimate.at(car.now)
+    return state.estimate.predict(car.now)
 
 
 def describe_start(follower: Follower) -> str:

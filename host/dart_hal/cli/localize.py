@@ -105,7 +105,7 @@ def drive_until_ended(car: Car, source: LidarPoses, ended: WhileLocated, steerin
             collect_newest(source, poses)
             if poses and poses[-1].pose is not None:
                 last_pose_t = poses[-1].arrival
-            speed = ended.answer(state.estimate.at(car.now), last_pose_t)
+            speed = ended.answer(state.estimate.predict(car.now), last_pose_t)
             if ended.phase is Phase.ENDED:
                 return
             if ended.phase is Phase.WAITING:

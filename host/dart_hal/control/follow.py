@@ -285,5 +285,5 @@ def find_start(path: Path, pose: Pose) -> float:
 
 
 def _end_distance(path: Path) -> float:
-    end = path.at(path.length)
+    end = path.interpolate(path.length)
     return hypot(end.x - float(path.x[0]), end.y - float(path.y[0]))

@@ -131,7 +131,7 @@ class LaneFollower(Ending):
             self.model.now.t + delay.transport + delay.yaw_delay + delay.lag
         )
         look_ahead = MIN_LOOK_AHEAD + LOOK_AHEAD_TIME * abs(future.speed)
-        target = path.at(path.closest(future.x, future.y, self.s) + look_ahead)
+        target = path.interpolate(path.closest(future.x, future.y, self.s) + look_ahead)
         curvature = arc(future.x, future.y, future.course(self.plant), target.x, target.y)
         angle = self.plant.steady.turn(curvature, future.speed).angle - self.model.trim
         angle = min(max(angle, low), high)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dart_hal.compat import RenamedMethod, accept_old_keyword
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
@@ -130,7 +131,7 @@ class Path:
     def reversed(self) -> Path:
         """Return the path from its end to its start; a closed one keeps its start."""
         back = self.length - self.s
-        points = np.array([self.at(float(s)) for s in back]).T
+        points = np.array([self.interpolate(float(s)) for s in back]).T
         path = type(self).__new__(type(self))
         speed = self.speed
         if speed is not None:
@@ -140,7 +141,7 @@ class Path:
                          -points[3], speed)
         return path
 
-    def at(self, s: float) -> PathPoint:
+    def interpolate(self, s: float) -> PathPoint:
         """Return the point at arc length ``s`` [m] of any lap; an open path continues straight."""
         s_on_path = s if self.closed else min(max(s, 0.0), self.length)
         k = round(s_on_path / self.spacing)
@@ -159,19 +160,22 @@ class Path:
             0.0 if overshoot else bend,
         )
 
-    def closest(self, x: float, y: float, near: float) -> float:
-        """Return the arc length of the closest point, searched around ``near`` [m]."""
-        low = int((near - SEARCH_BEHIND) / self.spacing)
+    at = RenamedMethod("interpolate")
+
+    @accept_old_keyword("near", "s_guess")
+    def closest(self, x: float, y: float, s_guess: float) -> float:
+        """Return the arc length of the closest point, searched around ``s_guess`` [m]."""
+        low = int((s_guess - SEARCH_BEHIND) / self.spacing)
         index = np.arange(low, low + int((SEARCH_AHEAD + SEARCH_BEHIND) / self.spacing))
         index = index % len(self.x) if self.closed else np.clip(index, 0, len(self.x) - 1)
         nearest = int(np.argmin((self.x[index] - x) ** 2 + (self.y[index] - y) ** 2))
         s = float(self.s[index[nearest]])
-        laps = round((near - s) / self.length) if self.closed else 0
+        laps = round((s_guess - s) / self.length) if self.closed else 0
         return self._refine_closest(x, y, s) + laps * self.length
 
     def _refine_closest(self, x: float, y: float, s: float) -> float:
         """Do one Newton step from the closest stored point."""
-        point = self.at(s)
+        point = self.interpolate(s)
         c = cos(point.heading)
         d = sin(point.heading)
         along = (x - point.x) * c + (y - point.y) * d
@@ -182,12 +186,12 @@ class Path:
 
     def point(self, s: float) -> tuple[float, float]:
         """Return the position [m] at arc length ``s``; an open path ends at its last point."""
-        return self.at(s if self.closed else min(max(s, 0.0), self.length))[:2]
+        return self.interpolate(s if self.closed else min(max(s, 0.0), self.length))[:2]
 
     def offset(self, x: float, y: float, s: float) -> float:
         """Return the distance to the left of the path at ``s`` [m]; beyond its end of the straight.
         """
-        point = self.at(s)
+        point = self.interpolate(s)
         return cos(point.heading) * (y - point.y) - sin(point.heading) * (x - point.x)
 
     def curvatures(self, s: FloatArray) -> FloatArray:

@@ -48,7 +48,7 @@ def _optimise_line(path: Path, half_width: float, length_weight: float) -> Path:
     from scipy.optimize import least_squares
 
     n = round(path.length / POINT_SPACING)
-    points = np.array([path.at(k * path.length / n) for k in range(n)])
+    points = np.array([path.interpolate(k * path.length / n) for k in range(n)])
     centre = points[:, :2]
     normal = np.column_stack([-np.sin(points[:, 2]), np.cos(points[:, 2])])
 

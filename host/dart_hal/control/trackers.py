@@ -65,9 +65,9 @@ class Pursuit(PathTracker):
         delay = self.plant.delay
         steady = self.plant.steady
         future, s = self._predict_motion(motion, delay.transport + delay.yaw_delay + delay.lag)
-        point = self.path.at(s)
+        point = self.path.interpolate(s)
         look_ahead = MIN_LOOK_AHEAD + LOOK_AHEAD_TIME * abs(future.speed)
-        target = self.path.at(s + look_ahead)
+        target = self.path.interpolate(s + look_ahead)
         course = future.course(self.plant)
         correction = arc(future.x, future.y, course, target.x, target.y) - arc(
             point.x, point.y, point.heading, target.x, target.y)
@@ -98,7 +98,7 @@ class Lqr(PathTracker):
         error), with the offset limited so that a far car approaches the path at MAX_APPROACH_ANGLE.
         """
         future, s = self._predict_motion(motion, self.plant.delay.transport)
-        point = self.path.at(s)
+        point = self.path.interpolate(s)
         speed = max(future.speed, 0.0)
         gain, preview, distances = self.plant.gains.interpolate(speed)
         curvature = float(preview @ self.path.curvatures(s + distances))

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.compat import accept_old_keyword
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate, Pose, Tracking
 from dart_hal.estimation.odometry import MotionStep, OdometryNoise
@@ -175,16 +176,18 @@ class PoseFilter:
         self._steps = before + self._replay(
             before[-1], [event for event in after if isinstance(event, MotionStep)])
 
-    def estimate(self, ahead: float = 0.0) -> FilterEstimate:
-        """Return the estimate for the time of the last ``predict``, or ``ahead`` s later.
+    @accept_old_keyword("ahead", "horizon")
+    def estimate(self, horizon: float = 0.0) -> FilterEstimate:
+        """Return the estimate for the time of the last ``predict``, or ``horizon`` s later.
 
         The last motion is then extrapolated, for FILTER_HISTORY s at most.
         """
         last = next((step.event for step in reversed(self._steps)
                      if isinstance(step.event, MotionStep)), None)
         state = self._steps[-1].state
-        if last is not None and ahead > 0.0:
-            state = predict_motion(state, last._replace(dt=min(ahead, FILTER_HISTORY)), self._noise)
+        if last is not None and horizon > 0.0:
+            motion = last._replace(dt=min(horizon, FILTER_HISTORY))
+            state = predict_motion(state, motion, self._noise)
         for array in (state.mean, state.cov):
             array.setflags(write=False)
         return FilterEstimate(state.mean, state.cov)

@@ -38,16 +38,16 @@ class SpinDetector:
         self._variance = LEVER_STD**2
         self._steps: deque[tuple[float, float]] = deque(maxlen=AVERAGED_STEPS)
 
-    def update(self, along: float, dt: float, accel: float | None, turn: float = 0.0
+    def update(self, distance: float, dt: float, accel: float | None, turn: float = 0.0
                ) -> float | None:
         """Add one step; return the ground speed [m/s] during a spin, else None.
 
-        along [m] by the wheels and turn [rad] in dt [s]; accel [m/s2] along the nose, None while
+        distance [m] by the wheels and turn [rad] in dt [s]; accel [m/s2] along the nose, None while
         it is not known.
         """
-        self._steps.append((along, dt))
-        distance, time = map(sum, zip(*self._steps, strict=True))
-        wheel_speed = distance / max(time, 1e-9)
+        self._steps.append((distance, dt))
+        total, time = map(sum, zip(*self._steps, strict=True))
+        wheel_speed = total / max(time, 1e-9)
         if accel is None or self._ground_speed is None or self._spin_time > MAX_SPIN_TIME:
             self._ground_speed = wheel_speed
             self._spin_time = 0.0

@@ -270,9 +270,9 @@ def _make_messages(path: Path, commands: Stream, sensors: Mapping[str, Stream], 
             expected="streams of the same drive", likely="clocks with an offset",
             remedy="state the offset in the map, as delay [s] of a stream, and import again")
     speed = _average(sensors.get("encoder"), t, max(span, SPEED_MEAN_TIME), 0.0)[:, 0]
-    width, ahead = (span, 0.0) if span else (step, 0.5 * step)
-    yaw_rate = _average(sensors.get("gyro"), t, width, ahead)[:, 0]
-    accel = _average(sensors.get("accelerometer"), t, width, ahead, columns=2)
+    width, shift = (span, 0.0) if span else (step, 0.5 * step)
+    yaw_rate = _average(sensors.get("gyro"), t, width, shift)[:, 0]
+    accel = _average(sensors.get("accelerometer"), t, width, shift, columns=2)
     # A command is held until the next one.
     row = np.maximum(np.searchsorted(commands.t, t, side="right") - 1, 0)
     throttle = freeze(commands.values[row, 1])
@@ -292,9 +292,9 @@ def _is_covered(t: FloatArray, stamps: FloatArray) -> BoolArray:
     return np.asarray(stamps[after] - stamps[after - 1] < MAX_MESSAGE_GAP)
 
 
-def _average(stream: Stream | None, t: FloatArray, width: float, ahead: float,
+def _average(stream: Stream | None, t: FloatArray, width: float, shift: float,
              columns: int = 1) -> FloatArray:
-    """Return the means (n, k) over [t + ahead - width, t + ahead]; NaN without a stream.
+    """Return the means (n, k) over [t + shift - width, t + shift]; NaN without a stream.
 
     The mean is the difference of the integral of the linear interpolation. Of a sensor below
     MIN_AVERAGED_RATE each sample is a mean already, so the newest one at t is returned.
@@ -318,8 +318,8 @@ def _average(stream: Stream | None, t: FloatArray, width: float, ahead: float,
             height = np.interp(x, at, values)
             return np.asarray(area[low] + 0.5 * (x - at[low]) * (values[low] + height))
 
-        end = np.clip(t + ahead - zero, 0.0, at[-1])
-        begin = np.clip(t + ahead - width - zero, 0.0, at[-1])
+        end = np.clip(t + shift - zero, 0.0, at[-1])
+        begin = np.clip(t + shift - width - zero, 0.0, at[-1])
         length = np.maximum(end - begin, 1e-9)
         out.append((integral(end) - integral(begin)) / length)
     return np.stack(out, axis=1)

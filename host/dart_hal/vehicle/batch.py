@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from dart_hal.compat import accept_old_keyword
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle.flat import shapes
@@ -28,19 +29,20 @@ ROLLOUT_SUBSTEPS = 4  # RK4 steps per input sample of an open-loop rollout
 ENGINES = ("auto", "numpy", "native")
 
 
+@accept_old_keyword("at", "output_samples")
 def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
-            at: Sequence[int] | None = None, sample: float = SAMPLE,
+            output_samples: Sequence[int] | None = None, sample: float = SAMPLE,
             substeps: int = ROLLOUT_SUBSTEPS, method: str = "rk4", engine: str = "auto") -> Array:
-    """Compute states (len(at), 6, n) of n cars with zero-order-hold inputs after ``at`` samples.
+    """Compute states (m, 6, n) of n cars after ``output_samples`` (m,), inputs held between.
 
     start (6, n): x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of the
     centre of mass; throttle -1..1 behind gate, delay and lag and road-wheel
-    angle [rad], (samples, n) each, row i held from i to i + 1. at None = after
-    every sample. p: one vehicle, or ``flat.stack`` of n. Raises UsageError
+    angle [rad], (samples, n) each, row i held from i to i + 1. output_samples
+    None = after every sample. p: one vehicle, or ``flat.stack`` of n. Raises UsageError
     when shapes do not fit.
     """
     start, throttle, angle = (_to_floats(a) for a in (start, throttle, angle))
-    samples = list(range(1, len(throttle) + 1)) if at is None else list(at)
+    samples = list(range(1, len(throttle) + 1)) if output_samples is None else list(output_samples)
     check_shapes(start, throttle, angle, samples)
     _check_stack_size(p, start.shape[1])
     if not (sample > 0.0 and substeps >= 1):
@@ -54,17 +56,18 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
     return _rollout_numpy(step, start, throttle, angle, samples)
 
 
+@accept_old_keyword("at", "output_samples")
 def car_rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *,
-                at: Sequence[int] | None = None, dt: float = SAMPLE, method: str = "rk4",
-                engine: str = "auto") -> Array:
-    """Compute a rollout with the actuators: states (len(at), 8, n) from commands -1..1 (steps, n).
+                output_samples: Sequence[int] | None = None, dt: float = SAMPLE,
+                method: str = "rk4", engine: str = "auto") -> Array:
+    """Compute a rollout with the actuators: states (m, 8, n) from commands -1..1 (steps, n).
 
     start (8, n) as ``make_car_step`` orders it; dt [s] of one step, for which a
     row of commands is held. Pure delays are the caller's. Raises UsageError
     when shapes do not fit.
     """
     start, throttle, steering = (_to_floats(a) for a in (start, throttle, steering))
-    samples = list(range(1, len(throttle) + 1)) if at is None else list(at)
+    samples = list(range(1, len(throttle) + 1)) if output_samples is None else list(output_samples)
     check_shapes(start, throttle, steering, samples, states=8)
     _check_stack_size(p, start.shape[1])
     kernel = prepare(p, "car", dt, start.dtype, method, engine)
@@ -111,7 +114,7 @@ def check_shapes(start: Array, first: Array, second: Array, samples: Sequence[in
                          found=f"start {start.shape}, inputs {first.shape}, {second.shape}",
                          expected=f"({states}, n), (samples, n), (samples, n)")
     if any(not 0 <= k <= len(first) or k != int(k) for k in samples):
-        raise UsageError("a rollout cannot be read there", found=f"at = {list(samples)}",
+        raise UsageError("a rollout cannot be read there", found=f"samples {list(samples)}",
                          expected=f"whole numbers of 0 to {len(first)} samples")
 
 

@@ -144,7 +144,7 @@ def drive_eight(url: str, out: Path) -> EightDrive:
         car.arm()
         duration = LAPS * drive.track.length / EIGHT_SPEED
         for state in with_progress(car.states(duration=duration), duration, "figure of eight"):
-            steering = pursuit.steer(state.estimate.at(car.now))
+            steering = pursuit.steer(state.estimate.predict(car.now))
             car.drive_speed(steering=steering, speed=EIGHT_SPEED)
             drive.states.append(state)
             drive.offsets.append(pursuit.offset)

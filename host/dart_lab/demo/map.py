@@ -178,7 +178,7 @@ def follow_line(url: str, cars: Path, grid: Grid, line: Track
         def answer(state: State) -> DriveCommand:
             if source.newest is not None and (at := source.newest.pose) is not None:
                 poses[source.newest.t] = at.x, at.y, at.yaw
-            return follower.answer(state.estimate.at(car.now))
+            return follower.answer(state.estimate.predict(car.now))
 
         drive(car, follower, answer)
         return np.array(list(poses.values())), true_path(backend,

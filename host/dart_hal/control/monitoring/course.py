@@ -39,7 +39,7 @@ class Course:
 
     def point_at(self, X: float) -> PathPoint:
         """Return position, heading and curvature at a parameter [rad]."""
-        return self.path.at(self.arc_length(X))
+        return self.path.interpolate(self.arc_length(X))
 
     def find(self, x: float, y: float, yaw: float) -> float:
         """Return X [rad], 0 to 2 pi, of a car at x, y [m] with heading yaw [rad].

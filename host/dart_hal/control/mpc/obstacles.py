@@ -63,7 +63,7 @@ class Disc:
         """
         s_guess = float(path.s[np.argmin(np.hypot(path.x - self.x, path.y - self.y))])
         s = path.closest(self.x, self.y, s_guess)
-        spot = path.at(s)
+        spot = path.interpolate(s)
         s += cos(spot.heading) * (self.x - spot.x) + sin(spot.heading) * (self.y - spot.y)
         return Obstacle(s, path.offset(self.x, self.y, s), self.radius, self.speed, t)
 
@@ -78,7 +78,7 @@ def clearance(x: float, y: float, yaw: float, o: Obstacle, path: Path, t: float)
 
     It is negative if they overlap.
     """
-    centre = path.at(o.s + o.speed * (t - o.t))
+    centre = path.interpolate(o.s + o.speed * (t - o.t))
     dx = centre.x - o.offset * sin(centre.heading) - x
     dy = centre.y + o.offset * cos(centre.heading) - y
     along = abs(dx * cos(yaw) + dy * sin(yaw)) - HALF_LENGTH

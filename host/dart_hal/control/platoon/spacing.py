@@ -68,7 +68,7 @@ def _project_on_path(points: FloatArray, path: Path, s: float) -> tuple[FloatArr
     grid = s + np.arange(0.0, FRONT_LENGTH + MAX_GAP_DISTANCE, 2.0 * path.spacing)
     if not path.closed:
         grid = grid[grid <= path.length]
-    x, y, heading = np.array([path.at(float(one))[:3] for one in grid]).T
+    x, y, heading = np.array([path.interpolate(float(one))[:3] for one in grid]).T
     k = np.argmin((points[:, 0, None] - x) ** 2 + (points[:, 1, None] - y) ** 2, axis=1)
     dx = points[:, 0] - x[k]
     dy = points[:, 1] - y[k]

@@ -14,6 +14,7 @@ from math import cos, degrees, isfinite, sin, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from dart_hal.compat import RenamedMethod
 from dart_hal.core.notebook import card
 from dart_hal.core.types.image import Image as Image
 from dart_hal.core.types.scan import Mount as Mount
@@ -221,7 +222,7 @@ class MotionEstimate:
     frame: str
     tracking: Tracking
 
-    def at(self, t: float) -> MotionEstimate:
+    def predict(self, t: float) -> MotionEstimate:
         """Predict the motion to t [s], such as ``car.now``, with constant speed and yaw rate.
 
         The prediction ends after ``MAX_PREDICTION``. The covariance increases by the neglected
@@ -254,6 +255,8 @@ class MotionEstimate:
         cov.setflags(write=False)
         moved = Pose(pose.x + length * c, pose.y + length * s, pose.yaw + turn, cov[:3, :3])
         return replace(self, t=self.t + dt, pose=moved, cov=cov)
+
+    at = RenamedMethod("predict")
 
 
 # Frame of dead reckoning: its origin is the pose at which the car was opened.
@@ -352,7 +355,7 @@ class State:
 
         After the first external pose, it is that of the Kalman filter in the room's frame. Before
         and without a source, it is dead reckoning (``pose``) in ``START_FRAME``. For the present
-        time: ``state.estimate.at(car.now)``.
+        time: ``state.estimate.predict(car.now)``.
         """
         external = self.external
         if external is not None and external.estimate is not None:

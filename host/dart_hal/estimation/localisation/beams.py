@@ -40,7 +40,7 @@ def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: f
         return None
     stretch = steps.stretch(float(stamps[0]), float(stamps[-1]), errors)
     times = stamps[returned] if deskew else np.full(len(returned), 0.5 * (stamps[0] + stamps[-1]))
-    x, y, yaw = (stretch.at(times) - stretch.pose[-1]).T
+    x, y, yaw = (stretch.interpolate(times) - stretch.pose[-1]).T
     c = np.cos(stretch.pose[-1, 2])
     s = np.sin(stretch.pose[-1, 2])
     x, y = c * x + s * y, c * y - s * x

@@ -43,7 +43,7 @@ class Stretch:
     turn: float
     rate: FloatArray
 
-    def at(self, t: FloatArray) -> FloatArray:
+    def interpolate(self, t: FloatArray) -> FloatArray:
         """Interpolate poses (m, 3) linearly at times (m,) within."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.pose.T])
 

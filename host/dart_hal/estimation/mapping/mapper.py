@@ -97,22 +97,23 @@ class Mapper:
         belief, _ = belief.predict(stretch).update_with_scan(self._chart, beams.points,
                                                              beams.rays, half)
         self._travel += stretch.distance
-        at = relative_pose(self.poses[-1], belief.mean[POSE])
-        if np.hypot(at[0], at[1]) > KEYFRAME_DISTANCE or abs(at[2]) > KEYFRAME_ANGLE:
-            self._add_keyframe(belief, beams, at, _info(belief, float(belief.mean[2] - at[2])))
+        relative = relative_pose(self.poses[-1], belief.mean[POSE])
+        x, y, yaw = relative.tolist()
+        if np.hypot(x, y) > KEYFRAME_DISTANCE or abs(yaw) > KEYFRAME_ANGLE:
+            self._add_keyframe(belief, beams, relative, _info(belief, float(belief.mean[2]) - yaw))
         else:
             self.belief = belief
             if len(self.frames[-1].views) < MAX_VIEWS:
-                self.frames[-1].views.append(_view(beams, at))
+                self.frames[-1].views.append(_view(beams, relative))
 
-    def _add_keyframe(self, belief: Belief, beams: Beams, at: FloatArray | None = None,
+    def _add_keyframe(self, belief: Belief, beams: Beams, relative: FloatArray | None = None,
                       info: FloatArray | None = None) -> None:
-        """Add a keyframe at the belief, ``at`` in the axes of the last, and close loops."""
+        """Add a keyframe at the belief, ``relative`` in the axes of the last, and close loops."""
         self.frames.append(Keyframe(self._travel, [_view(beams, np.zeros(3))]))
         self.poses = np.vstack((self.poses, belief.mean[POSE]))
         last = len(self.frames) - 1
-        if at is not None and info is not None:
-            self.edges.append(Edge(last - 1, last, at, info))
+        if relative is not None and info is not None:
+            self.edges.append(Edge(last - 1, last, relative, info))
         if self._closures is not None:
             found = self._closures.find(self.frames, self.poses, last)
             if found:
@@ -124,9 +125,9 @@ class Mapper:
         self._chart = chart_of_points(collect_points(self.frames[first:], self.poses[first:]))
 
 
-def _view(beams: Beams, at: FloatArray) -> ScanView:
+def _view(beams: Beams, relative: FloatArray) -> ScanView:
     """Convert beams to a stored scan."""
-    return ScanView(float(beams.stretch.t[-1]), beams.points, beams.rays, beams.origin, at)
+    return ScanView(float(beams.stretch.t[-1]), beams.points, beams.rays, beams.origin, relative)
 
 
 def _info(belief: Belief, yaw: float) -> FloatArray:

@@ -47,8 +47,8 @@ def grid_of(survey: Survey, cell: float = DEFAULT_CELL) -> Grid:
     hits = np.zeros(rows * columns)
     misses = np.zeros(rows * columns)
 
-    def count(cells: FloatArray, at: FloatArray) -> None:
-        column, row = ((at - low) / cell).astype(int).T
+    def count(cells: FloatArray, positions: FloatArray) -> None:
+        column, row = ((positions - low) / cell).astype(int).T
         cells += np.bincount(row * columns + column, minlength=rows * columns)
 
     for begin, end in zip(begins, ends, strict=True):

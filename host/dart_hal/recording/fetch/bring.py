@@ -61,9 +61,9 @@ def _quiet(done: int, total: int, name: str) -> None:
     """Show no progress."""
 
 
-def fetch(source: str | None = None, to: str | Path | None = None, *,
+def fetch(source: str | None = None, folder: str | Path | None = None, *,
           registry: Mapping[str, str] | None = None, progress: Progress = _quiet) -> FetchOutcome:
-    """Download the missing files into the folder ``to`` (default ``data_folder()``).
+    """Download the missing files into ``folder`` (default ``data_folder()``).
 
     source: a folder of any layout, an archive (.zip, .tar.gz) or the address
     of one, a base address; None = the repository at the listed commit.
@@ -74,7 +74,7 @@ def fetch(source: str | None = None, to: str | Path | None = None, *,
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    target = Path(to) if to is not None else data_folder()
+    target = Path(folder) if folder is not None else data_folder()
     store = pooch.Pooch(target, "", registry=dict(registry or load()))
     outcome = FetchOutcome(target, len(store.registry))
     progress(0, outcome.files, "checking the present files")

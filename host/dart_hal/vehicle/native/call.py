@@ -16,9 +16,9 @@ PAD = 16
 """Cars that are computed together at most: ``PAD`` of the C text."""
 
 
-def call(run: Run, h: Array, start: Array, first: Array, second: Array, at: Sequence[int],
-         substeps: int, out: Array | None = None) -> Array:
-    """Return the states (len(at), states, n) after ``at`` samples, in any order.
+def call(run: Run, h: Array, start: Array, first: Array, second: Array,
+         output_samples: Sequence[int], substeps: int, out: Array | None = None) -> Array:
+    """Return the states (m, states, n) after ``output_samples`` (m,), in any order.
 
     h: from ``align_coefficients``; start (states, n); inputs (samples, n), or (samples,) for all
     cars. out: C-contiguous, of h's type; it may be start's memory when the only
@@ -27,8 +27,8 @@ def call(run: Run, h: Array, start: Array, first: Array, second: Array, at: Sequ
     start, first, second = (np.ascontiguousarray(a, dtype=h.dtype)
                             for a in (start, first, second))
     states, n = start.shape
-    order = np.argsort(at, kind="stable")
-    reads = np.asarray(at, dtype=np.int64)[order]
+    order = np.argsort(output_samples, kind="stable")
+    reads = np.asarray(output_samples, dtype=np.int64)[order]
     in_order = bool((order[:-1] < order[1:]).all())
     result = (out if out is not None and in_order
               else np.empty((len(reads), states, n), dtype=h.dtype))

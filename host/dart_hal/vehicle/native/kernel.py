@@ -46,15 +46,18 @@ class CompiledStep:
         self.run = run
         self.h = align_coefficients(coefficients(trace(form, kind, method), p, dt, lanes), number)
 
-    def __call__(self, start: Array, first: Array, second: Array, at: Sequence[int],
-                 substeps: int = 1, out: Array | None = None) -> Array:
-        """States (len(at), states, n); see ``call.call``. The caller has checked other shapes.
+    def __call__(self, start: Array, first: Array, second: Array,
+                 output_samples: Sequence[int], substeps: int = 1,
+                 out: Array | None = None) -> Array:
+        """States (m, states, n) after ``output_samples`` (m,); see ``call.call``.
+
+        The caller has checked the other shapes.
 
         Raises ValueError when a stack has not as many vehicles as start has cars.
         """
         if self._lanes not in (0, start.shape[1]):
             raise ValueError(f"{self._lanes} vehicles for {start.shape[1]} cars")
-        return call(self.run, self.h, start, first, second, at, substeps, out)
+        return call(self.run, self.h, start, first, second, output_samples, substeps, out)
 
 
 def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,

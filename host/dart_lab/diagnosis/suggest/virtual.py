@@ -63,7 +63,7 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
     g = _grid(n, held[0], held[1], reference)
     tau, angle = actuator_outputs(p, g, smooth=True)
     start = np.array([[0.0], [0.0], [yaw], [0.0], [0.0], [0.0]])
-    s = rollout(p, start, tau[:-1, None], angle[:-1, None], at=range(n))[:, :, 0].T
+    s = rollout(p, start, tau[:-1, None], angle[:-1, None], output_samples=range(n))[:, :, 0].T
     rates = np.gradient(s[3:], SAMPLE, axis=1)
     speed, rate, a_x, a_y = read_sensors(p, add_drive_force(p, motion(g.t, s, rates), tau))
     mocap = _mocap(p, g, s, apply_parameter_effects(p).body.l_r)

@@ -139,7 +139,8 @@ def predict_at_measured_speed(p: Vehicle, cases: Sequence[Case]) -> FloatArray:
             now = at[some] + k
             state[3] = speed[now]
             with np.errstate(over="ignore", invalid="ignore"):
-                state = rollout(p, state, throttle[now][None], angle[now][None], at=(1,))[0]
+                state = rollout(p, state, throttle[now][None], angle[now][None],
+                                output_samples=(1,))[0]
         out[:, some] = state
     return np.asarray(out)
 

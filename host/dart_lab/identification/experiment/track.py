@@ -76,7 +76,7 @@ class DriveTrack:
         if lane:
             back = self.oval and math.cos(pose.yaw) < 0.0
             return Pose(pose.x, 2.0 * TURN_RADIUS if back else 0.0, math.pi if back else 0.0)
-        return Pose(*self.path.at(self.s)[:3])
+        return Pose(*self.path.interpolate(self.s)[:3])
 
 
 def longest_lane(floor: Floor, *, oval: bool) -> float:

@@ -83,7 +83,8 @@ def predict(p: Vehicle, parts: Parts, offsets: Sequence[int], *, smooth: bool = 
         with np.errstate(over="ignore", invalid="ignore"):  # a model may diverge: it is scored
             out[:, :, some] = rollout(p, start[:, some],
                                       cut_windows(throttle, first[some], max(offsets)),
-                                      cut_windows(angle, first[some], max(offsets)), at=offsets)
+                                      cut_windows(angle, first[some], max(offsets)),
+                                      output_samples=offsets)
         if progress is not None:
             progress(some.stop / len(first))
     return out

@@ -78,5 +78,6 @@ def _steps(series: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 def rollout_substeps(p: Vehicle, start: FloatArray, throttle: FloatArray, angle: FloatArray,
                      offsets: Iterable[int]) -> FloatArray:
     """Roll out inputs (SUBSTEPS * samples, n) to states (len(offsets), 6, n)."""
-    return np.asarray(rollout(p, start, throttle, angle, at=[SUBSTEPS * k for k in offsets],
+    samples = [SUBSTEPS * k for k in offsets]
+    return np.asarray(rollout(p, start, throttle, angle, output_samples=samples,
                               sample=SAMPLE / SUBSTEPS, substeps=1, method=SUBSTEP_METHOD))

@@ -207,7 +207,7 @@ class Desk:
         self._end_drive()
         if now > self._stopped_until > -inf:
             self._stopped_until = -inf
-            self.car.run_stop(False, by="view")
+            self.car.run_stop(False, source="view")
         if not self.pages:
             return
         yield _json({"type": "rows", "now": now, "rows": rows}).decode()
@@ -252,7 +252,7 @@ class Desk:
     def _stop(self, now: float) -> None:
         """Stop the car for a STOP of any page."""
         self._stopped_until = now + STOP_DURATION_S
-        self.car.run_stop(True, by="view", reason="STOP was pressed at a live page")
+        self.car.run_stop(True, source="view", reason="STOP was pressed at a live page")
         with self._lock:
             self.operator.stop()
         self._report("STOP was pressed at a page")

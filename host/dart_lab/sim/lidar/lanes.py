@@ -30,7 +30,7 @@ LANE_PATHS: dict[str, Callable[[], Path]] = {
 
 def lane_boards(path: Path) -> tuple[FloatArray, FloatArray]:
     """Return points (n, 2) [m] of the left and the right board, at a distance of 0.1 m."""
-    end = path.at(path.length)
+    end = path.interpolate(path.length)
     middle = np.vstack((np.column_stack((path.x, path.y))[::5], end[:2]))
     heading = np.append(path.heading[::5], end.heading)
     normal = np.column_stack((-np.sin(heading), np.cos(heading)))
@@ -39,7 +39,7 @@ def lane_boards(path: Path) -> tuple[FloatArray, FloatArray]:
 
 def draw_start(path: Path, rng: np.random.Generator) -> tuple[float, float, float]:
     """Draw x, y [m], yaw [rad] of the rear axle near the middle line."""
-    start = path.at(START_DISTANCE)
+    start = path.interpolate(START_DISTANCE)
     side = float(rng.uniform(-MAX_START_OFFSET, MAX_START_OFFSET))
     return (start.x - side * sin(start.heading), start.y + side * cos(start.heading),
             start.heading + float(rng.uniform(-MAX_START_ANGLE, MAX_START_ANGLE)))
