@@ -49,6 +49,7 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
         raise UsageError("a rollout needs time to pass",
                          found=f"{substeps} substep(s) in {sample} s",
                          expected="at least one, in more than 0 s")
+    # Kernels are compiled with -ffast-math, which assumes finite numbers.
     kernel = prepare(p, "motion", sample / substeps, start.dtype, method, engine)
     if kernel and _all_finite(start, throttle, angle):
         return kernel(start, throttle, angle, samples, substeps)
@@ -156,6 +157,7 @@ def _rollout_numpy(step: Step, start: Array, first: Array, second: Array,
     """Rollout over numpy, sample by sample."""
     out = np.empty((len(samples), *start.shape), dtype=start.dtype)
     state: tuple[Any, ...] = tuple(start)
+    # Rows of the output by sample: a sample may be requested several times.
     where = {k: [i for i, w in enumerate(samples) if w == k] for k in samples}
     for k in range(max(samples, default=0) + 1):
         if k:

@@ -134,6 +134,9 @@ def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Val
 
     def rates(eta: Value, v: Value, k0: Value, k1: Value, brake: Value,
               td: Value) -> tuple[Value, Value, Value, Value]:
+        # No slip: the rear axle moves along the car, the front axle along its wheels. The centre of
+        # mass is l_r ahead of the rear axle, so it moves sideways at l_r omega (DART paper,
+        # kinematic bicycle, whose reference point is the rear axle).
         om = v * td * per_wheelbase
         vy = l_r * om
         ce = cos(eta)

@@ -57,6 +57,7 @@ def split_final_delay(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
     """
     seconds = 0.0
     kept = list(p.effects)
+    # From the end of the chain back to the first effect that does more than delay.
     for a, hook in reversed(signals(p, channel)):
         if not isinstance(hook, PureDelay):
             break
@@ -99,6 +100,8 @@ def _run_stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArra
     """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
     single = signal.ndim == 1
     first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
+    # Shortcuts for one car: backlash in blocks; effects that depend on the signal alone only where
+    # it changes.
     if single and hook.play is not None:
         return _run_play(signal, hook.play(*a.values))
     if single and hook.blind:
@@ -127,6 +130,7 @@ def _run_on_change(signal: FloatArray, first: Callable[..., Any], step: Callable
         return out
     values = signal.tolist()
     change = np.abs(np.diff(signal))
+    # Samples at which the signal moves at all, and at which it moves by more than the slack.
     moves, jumps = ([*(np.flatnonzero(change > by) + 1).tolist(), n] for by in (0.0, slack))
     state = list(first(values[0]))
     i = 0
@@ -134,9 +138,11 @@ def _run_on_change(signal: FloatArray, first: Callable[..., Any], step: Callable
         out[i], *after = step(values[i], here, *state)
         value = values[i]
         i += 1
+        # Caught up: the output is the signal itself up to the next jump.
         if after == [value]:
             i = jumps[bisect_left(jumps, i)]
             after = [values[i - 1]]
+        # Nothing moves: the output stays the same until the signal moves.
         elif after == state:
             begin = i
             i = moves[bisect_left(moves, i)]

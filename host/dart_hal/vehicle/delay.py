@@ -23,8 +23,8 @@ from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 
 WHOLE_SAMPLE_TOLERANCE = 1e-9  # samples; a time closer than that to a sample is at it
 LAG_BLOCK = 64  # samples of a lag at once
+# At which moment of a sample, in which the command is held, the output of a lag is taken.
 Sampled = Literal["start", "middle", "mean"]
-"""At which moment of a sample, in which the command is held, the output of a lag is taken."""
 
 Event = TypeVar("Event")
 
@@ -40,11 +40,13 @@ def delay_series(signal: Any, seconds: Any, dt: float) -> Any:
     if isinstance(signal, tuple):
         return tuple(delay_series(part, seconds, dt) for part in signal)
     series = np.asarray(signal)
+    # 1. The delay in samples is a whole number k and a share r of one sample.
     whole, share = split_delay(np.asarray(seconds, dtype=np.float64) / dt, ARRAY)
     last = len(series) - 1
     index = np.arange(len(series))
     if series.ndim == 2:
         index, whole = index[:, None], np.broadcast_to(whole, series.shape[1:])
+    # 2. y_i = u_(i-k) + r (u_(i-k-1) - u_(i-k)). Indices beyond an end take the sample there.
     late = index - whole.astype(np.int64)
     here, before = (np.take_along_axis(series, np.clip(at, 0, last), axis=0)
                     for at in (late, late - 1))
@@ -70,6 +72,8 @@ class DelayRing:
 
     def step(self, signal: Any) -> Any:
         """Take the next value and return the delayed one."""
+        # The first call fills the ring: the signal was constant before it. For a delay of k whole
+        # samples, the two oldest entries are from k + 1 and k steps ago.
         self._ring.extend([signal] * (1 if self._ring else self._size))
         here = self._ring[1]
         before = self._ring[0]
@@ -116,6 +120,11 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     In blocks, each a product with the same triangle. (scipy's ``lfilter`` does the same;
     its module alone takes longer to import than a recording to evaluate.)
     """
+    # Within a block of N samples with the first output y_0, the recursion is
+    #     y_j = keep^j y_0 + (1 - keep) sum_(i < j) keep^(j-1-i) u_i
+    # 1. forced: the sum for all blocks at once, a product with a triangular matrix.
+    # 2. From block to block: the next y_0 is keep^N y_0 plus the sum of the whole block.
+    # 3. Add the decay of y_0 to each sample of its block.
     n, (left, answer) = u.shape[-1], _lag_block(keep)
     padded = np.concatenate([u, np.repeat(u[..., -1:], -n % LAG_BLOCK, axis=-1)], axis=-1)
     blocks = padded.reshape(*u.shape[:-1], -1, LAG_BLOCK)

@@ -20,8 +20,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 ANGLE_SCALE = 0.2  # rad, half of full lock
 SPEED_SCALE = 1.0  # m/s, a typical speed
+# e1 to e6.
 DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
-"""e1 to e6."""
 
 
 def with_departures(effect: Effect) -> Effect:
@@ -39,6 +39,8 @@ def with_departures(effect: Effect) -> Effect:
 
         def hook(q: Forces) -> Forces:
             r = written(q)
+            # X, what the effect adds along the car, and the share of it that F_x gets: e2 |delta| /
+            # 0.2 rad + e3 (v_x / 1 m/s - 1) - e1.
             along = (r.f_xf - q.f_xf) + (r.f_xr - q.f_xr) + (r.f_x - q.f_x)
             turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
             share = angle * turned / ANGLE_SCALE + speed * (q.v_x / SPEED_SCALE - 1.0) - front

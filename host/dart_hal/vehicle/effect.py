@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from dart_hal.vehicle.namespace import Value
 
 EFFECT_STAGES = ("command", "actuator", "force", "motion", "measurement")
+# Signals that an effect may change: commands behind gate, delay and lag (-1..1); road-wheel angle
+# [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/s]; (a_x, a_y) [m/s2] at the IMU;
+# (x, y, yaw) of the mocap marker [m, rad].
 SIGNAL_CHANNELS = ("throttle", "steering", "angle", "wheel", "gyro", "accel", "pose")
-"""Signals that an effect may change: commands behind gate, delay and lag (-1..1);
-road-wheel angle [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/s];
-(a_x, a_y) [m/s2] at the IMU; (x, y, yaw) of the mocap marker [m, rad]."""
 
 
 # Share of the interval of a parameter; a fit that ends closer to an end is at that bound.

@@ -114,6 +114,7 @@ def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]],
     The numbers must be within ``bounds``. Of the lengths of the body at most two are given, as
     ``close_lengths`` takes them. Raises UsageError for an unknown name.
     """
+    # Place of each number: a field of a group of parameters, or a value of an effect.
     groups: dict[str, list[tuple[str, int]]] = {}
     inside: dict[str, list[tuple[int, int]]] = {}
     for i, name in enumerate(names):
@@ -151,6 +152,7 @@ def close_lengths(body: Mapping[str, float], changed: Mapping[str, float]) -> di
     if not set(changed) & set(LENGTHS):
         return {}
     wheelbase = changed.get("wheelbase", body["wheelbase"])
+    # A changed wheelbase alone keeps the ratio l_f / wheelbase; a changed l_r gives l_f.
     l_f = changed.get("l_f", wheelbase * body["l_f"] / body["wheelbase"])
     if "l_r" in changed:
         l_f = wheelbase - changed["l_r"]

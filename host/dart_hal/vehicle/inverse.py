@@ -47,6 +47,10 @@ def make_inverse_dynamics(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Val
         # lateral force of each axle in body axes, from the sums of forces and moments
         rear = (l_f * side - moment) * per_wheelbase
         front = (l_r * side + moment) * per_wheelbase
+        # F_w and F_yf remain, in two equations: forces along the car, and the front axle to the
+        # side.
+        #     F_w (c_f cos d + c_r) - F_yf sin d = m a_x,   F_w c_f sin d + F_yf cos d = front
+        # Cramer's rule; the determinant is c_f + c_r cos d.
         per_det = 1.0 / (share_f + share_r * cd)
         return ((forward * cd + front * sd) * per_det,
                 ((share_f * cd + share_r) * front - share_f * sd * forward) * per_det, rear)

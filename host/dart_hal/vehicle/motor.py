@@ -57,6 +57,8 @@ def make_motor_gains(p: Motor | SpeedLoop, xp: Any = math
     dead_band = make_dead_band(p.g, xp)
 
     def gains(tau: Value) -> tuple[Value, Value]:
+        # (d - e v) T(tau) - reverse (d + e v) T(-tau), sorted by powers of v:
+        #     k0 = d (T(tau) - reverse T(-tau)),  k1 = e (T(tau) + reverse T(-tau))
         forward = dead_band(tau)
         backward = reverse * dead_band(-tau)
         return d * (forward - backward), e * (forward + backward)
@@ -72,6 +74,7 @@ def make_drive_gains(p: Motor | SpeedLoop, xp: Any = math
     """
     if isinstance(p, Motor):
         return make_motor_gains(p, xp)
+    # K (u - v): k0 = K u, k1 = K.
     gain = p.gain
     return lambda u: (gain * u, gain)
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+# A float, an array of them, or a casadi expression: a value of ``xp``.
 Value = Any
-"""A float, an array of them, or a casadi expression: a value of ``xp``."""
 
 _ALTERNATIVES = {"atan": "arctan", "atan2": "arctan2", "fmin": "min", "fmax": "max"}
 

@@ -19,12 +19,12 @@ from dart_hal.vehicle.parameters import Body, Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
+# Entries of the section body that a car file gives, with their units.
 SIZES = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": "kg m2"}
-"""Entries of the section body that a car file gives, with their units."""
+# First word of ``method`` of a size whose standard error car.toml states; fits may move it.
 CAR_FILE = "car.toml"
-"""First word of ``method`` of a size whose standard error car.toml states; fits may move it."""
+# Relative; sizes that differ by less are the same car's, weighed or measured twice.
 MIN_SIZE_DIFFERENCE = 0.01
-"""Relative; sizes that differ by less are the same car's, weighed or measured twice."""
 
 
 def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
@@ -32,6 +32,7 @@ def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
 
     A yaw inertia that is not stated is that of the base by its shape, I_z / (m l_f l_r).
     """
+    # The yaw inertia of similar bodies is proportional to m l_f l_r.
     shape = base.yaw_inertia / (base.mass * base.l_f * base.l_r)
     inertia = size.yaw_inertia or shape * size.mass * size.l_f * size.l_r
     return replace(base, wheelbase=size.l_f + size.l_r, l_f=size.l_f, l_r=size.l_r,
@@ -47,6 +48,7 @@ def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     errors = size.std.to_dict()
     measured = {key for key, entry in model.body.items()
                 if isinstance(entry, Quantity) and not is_from_car_file(entry)}
+    # Lengths have to close, wheelbase = l_f + l_r: they are kept all three or not at all.
     geometry = {"wheelbase", "l_f", "l_r"}
     kept = measured - geometry if not geometry <= measured else measured
     changed: Parameters = {
@@ -77,6 +79,7 @@ def scale_steering_lock(model: ModelFile, car: CarConfig) -> ModelFile:
     names = {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}
     if lock == CommandLimits().max_steering or set(values) != names:
         return model
+    # The map is proportional to its amplitudes, so one factor gives the stated lock.
     ends = make_steering(Steering(**values), ARRAY)(np.array([1.0, -1.0]))
     factor = lock / float(np.mean(np.abs(ends)))
     scaled: Parameters = {key: factor * values[key] for key in ("a_left_rad", "a_right_rad")}

@@ -34,6 +34,7 @@ def make_steering(p: Steering, xp: Any = math) -> Callable[[Value], Value]:
 
     def steering(s: Value) -> Value:
         c = s + s0
+        # Weight of the left curve. Both curves are 0 at c = 0, so the transition adds no step.
         left = 0.5 * (tanh(BLEND * c) + 1.0)
         return left * a_left * tanh(k_left * c) + (1.0 - left) * a_right * tanh(k_right * c)
 

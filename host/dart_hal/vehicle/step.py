@@ -42,8 +42,8 @@ METHODS = {"rk4": (make_dynamic_step, make_kinematic_step),
 MIN_LAG = 1e-6
 
 State8 = tuple[Value, Value, Value, Value, Value, Value, Value, Value]
+# ``body(x, y, eta, v_x, v_y, omega, dt, start, middle, end)``; the last three (tau, delta).
 Body6 = Callable[..., State6]
-"""``body(x, y, eta, v_x, v_y, omega, dt, start, middle, end)``; the last three (tau, delta)."""
 
 
 def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,

@@ -65,6 +65,8 @@ def min_slip_divisor(p: PaperTyres | AxleTyres, body: Body, xp: Any, max_rate: V
     """
     f = adapt(xp)
     front, rear = cornering_stiffness(p, body, f)
+    # Larger eigenvalue of that matrix at divisor 1: with its diagonal p, q and the product c of the
+    # other two entries it is (p + q + sqrt((p - q)^2 + 4 c)) / 2.
     across = (front + rear) / body.mass
     turning = (body.l_f * body.l_f * front + body.l_r * body.l_r * rear) / body.yaw_inertia
     coupling = body.l_f * front - body.l_r * rear
@@ -111,6 +113,8 @@ def _make_regularised_slip(body: Body, f: Any, amount: float, decay: float,
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         b = vy + l_f * om
+        # Velocity of the front axle in the frame of its wheel: along it, and b cos d - v_x sin d to
+        # its left. The slip angle has the opposite sign of the latter.
         along = vx * cd + b * sd
         divisor_f = fabs(along) + amount * exp(-decay * along * along)
         divisor_r = fabs(vx) + amount * exp(-decay * vx * vx)
@@ -151,6 +155,7 @@ def make_tyres(p: PaperTyres | AxleTyres, body: Body, xp: Any = math) -> tuple[F
 
 
 def _make_paper_front(p: PaperTyres, f: Any) -> Force:
+    # Magic formula with the curvature factor E (DART paper, dynamic bicycle model).
     d = p.front_D
     c = p.front_C
     b = p.front_B
@@ -166,6 +171,8 @@ def _make_paper_front(p: PaperTyres, f: Any) -> Force:
 
 
 def _make_paper_rear(p: PaperTyres, f: Any) -> Force:
+    # The rear tyre of the paper is linear, as its data do not reach saturation. The limit is an
+    # addition.
     stiffness = p.rear_cornering_stiffness
     limit = p.rear_max
     fmin = f.fmin
@@ -184,6 +191,8 @@ def _make_paper_rear(p: PaperTyres, f: Any) -> Force:
 def _make_axle_tyres(p: AxleTyres, body: Body, f: Any) -> tuple[Force, Force]:
     sin = f.sin
     atan = f.atan
+    # The peak is proportional to the static load, so these tyres follow a change of mass or of the
+    # centre of mass.
     peak_f = p.front_D * body.front_load
     c_f = p.front_C
     b_f = p.front_B

@@ -64,8 +64,8 @@ from .unexplained.outliers import find_outliers
 from .unexplained.structure import find_structure
 from .unexplained.waits import remove_frame_wait
 
+# Errors that no accepted cause explains.
 Finding = Unexplained | Outliers | Excess | LateCommands
-"""Errors that no accepted cause explains."""
 FIT_ON_BOUND = 1e-6  # prior standard deviations; a parameter that is nearer to a bound is on it
 
 

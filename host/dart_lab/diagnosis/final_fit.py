@@ -39,13 +39,13 @@ from .search.fit import Point, refit, refit_reusing_jacobian
 from .search.forward import ForwardSearch
 
 # The mean square of a recording with a single window is known by chance only.
+# Windows of an average recording that are added to the mean square of each recording.
 TYPICAL_WINDOWS = 5
-"""Windows of an average recording that are added to the mean square of each recording."""
 # Of 136 effects that were simulated with other equations, 90 % intervals of the sampling error
 # alone held 65 %, for any estimate of it (sandwich, jackknife, long or short blocks). With a share
 # of .05, .08, .10, .12 they hold 81, 87, 88 and 93 %.
+# Error of an effect's size, as a share of it, where the car has another equation of the effect.
 FORM_ERROR = 0.10
-"""Error of an effect's size, as a share of it, where the car has another equation of the effect."""
 FIRST_PASSES = 3  # fits with weights measured again
 LATER_PASSES = 2  # the same from a start near the minimum
 

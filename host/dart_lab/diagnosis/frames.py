@@ -17,8 +17,8 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import Vehicle
 
+# Effects that move a marker frame, with the place of their standard error in ``Reference.std``.
 FRAME_EFFECTS = {"mocap_offset_x": 0, "mocap_yaw": 1, "mocap_offset_y": 2}
-"""Effects that move a marker frame, with the place of their standard error in ``Reference.std``."""
 
 
 def find_frame_errors(recordings: Sequence[Recording]) -> dict[str, float]:

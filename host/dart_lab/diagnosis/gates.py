@@ -69,6 +69,7 @@ class AcceptanceGate(NamedTuple):
     message: Callable[[Candidate], str]
 
 
+# Effects and data of each stage, in the order of a diagnosis.
 STAGES = {
     "scan": "each effect in each round of the search, by the linear answer",
     "fit": "the best of them, by the full fit",
@@ -77,12 +78,12 @@ STAGES = {
     "grade": "all causes, by training data left out of the fit",
     "test": "all causes, by the test recordings",
 }
-"""Effects and data of each stage, in the order of a diagnosis."""
 
 TOO_SMALL = "so small that sampling or time stamps alone could cause it"
 WITHDRAWN = "withdrawn: with it as much structure is left as without it"
 IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
 
+# All gates, in the order of a diagnosis.
 GATES = (
     AcceptanceGate("significance", "scan", lambda c, p: c.gain > c.threshold,
          lambda p: "its gain is above the threshold of the null distribution",
@@ -116,7 +117,6 @@ GATES = (
                     f"1 where the probability is below {p.grade.confident:g}"),
          lambda c: f"the test recordings do not confirm it: {c.errors_without()}"),
 )
-"""All gates, in the order of a diagnosis."""
 
 
 def relative_size(effect: Effect, values: Mapping[str, float]) -> float:

@@ -19,8 +19,8 @@ from .result import Cost, ErrorReduction
 from .search.fit import FittedModel, Point
 from .search.selection import Settings
 
+# Returns the vehicles that predict from the logs of the training and of the test recordings.
 Predictor = Callable[[FittedModel], tuple[Vehicle, Vehicle]]
-"""Returns the vehicles that predict from the logs of the training and of the test recordings."""
 
 
 def compute_costs(test: RecordingLosses, fit: Point, removed: Mapping[str, Point]

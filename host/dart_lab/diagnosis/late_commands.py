@@ -47,8 +47,8 @@ AGE_GRID_STEP_S = 0.010  # s between ages at which windows are predicted, interp
 # hide nothing (60 s and 40 s) the largest gain is 4.6.
 MIN_GAIN = 5.0  # log likelihood
 MIN_LISTED_PROBABILITY = 0.9  # of a late command in a window
+# Columns of the residuals that follow the steering at once; the last is the yaw rate.
 LATERAL = [LATE_READ_OUT * len(MOTION) + MOTION.index(name) for name in ("v_y", "omega")]
-"""Columns of the residuals that follow the steering at once; the last is the yaw rate."""
 
 
 @dataclass(frozen=True, slots=True)

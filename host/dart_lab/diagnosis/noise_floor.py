@@ -44,8 +44,8 @@ from .policy import UnexplainedPolicy
 from .unexplained.command_ages import AGE_STEP, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
 
+# Read-out of the residuals at the horizon of the floor.
 FLOOR_READ_OUT = READ_OUTS.index(round(HORIZONS[HORIZON_INDEX] / SAMPLE))
-"""Read-out of the residuals at the horizon of the floor."""
 # 10 s of driving. A window starts every 0.25 s and its last command determines its error, so of 40
 # about 20 are independent: a standard deviation is then known to 16 %.
 MIN_WINDOWS = 40

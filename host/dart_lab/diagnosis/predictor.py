@@ -41,15 +41,15 @@ from .search.scan import scan
 
 MIN_RECORDINGS = 3  # with two, each effect would be judged by a fit to a single recording
 # Twice the 2.7 that 10 % of useless effects exceed, because a size is the best of several.
+# Drop of the loss by an effect alone that makes it a candidate.
 MIN_LOSS_DROP = 5.0
-"""Drop of the loss by an effect alone that makes it a candidate."""
 # The expected drop of the loss by one useless parameter.
+# Rise of the loss without an effect, to second order, up to which it is dropped.
 MAX_NEEDLESS_RISE = 1.0
-"""Rise of the loss without an effect, to second order, up to which it is dropped."""
+# Effects that do not apply to other recordings, where battery and slope differ.
+#
+# With another centre of mass, the motion of another point would be compared.
 NOT_TRANSFERABLE = ("battery_fade", "centre_of_mass", "road_slope_x", "road_slope_y")
-"""Effects that do not apply to other recordings, where battery and slope differ.
-
-With another centre of mass, the motion of another point would be compared."""
 
 
 def check_recordings(train: RecordingSet) -> Sequence[Case]:

@@ -20,8 +20,8 @@ from .error_summaries import (
 )
 from .evidence.residuals import Evidence, Residuals
 
+# A ratio of errors, and the ends of its 90 % interval; those are NaN with too few data for one.
 Cost = tuple[float, float, float]
-"""A ratio of errors, and the ends of its 90 % interval; those are NaN with too few data for one."""
 VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "parameters_only")
 
 

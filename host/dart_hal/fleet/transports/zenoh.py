@@ -17,8 +17,8 @@ from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.url import Url
 from dart_hal.fleet.transports import Datagram
 
+# Frames that wait: 10 s of 20 cars.
 KEPT = 4096
-"""Frames that wait: 10 s of 20 cars."""
 
 
 def open_zenoh(url: Url) -> ZenohTransport:

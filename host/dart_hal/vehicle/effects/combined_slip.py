@@ -20,6 +20,7 @@ MIN_SQUARED_SHARE = 0.01  # square of the smallest factor, 0.1
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
         def side_factor(f_x: Value) -> Value:
+            # Friction ellipse: (F_y / F_y0)^2 + k (F_x / 3 N)^2 = 1, F_y0 without drive force.
             share = f_x / FORCE_SCALE
             return f.sqrt(f.fmax(MIN_SQUARED_SHARE, 1.0 - k * share * share))
 

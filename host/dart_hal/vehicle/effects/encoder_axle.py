@@ -21,6 +21,7 @@ def read_both_axles(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now]
     l_f = p.body.l_f
 
     def signal(v: Value, now: Now) -> Value:
+        # The front axle has the speed of the centre of mass, and l_f omega to the side.
         across = now.v_y + l_f * now.omega
         front = f.sqrt(now.v_x * now.v_x + across * across + ROOT_OFFSET)
         return v + k * (front - f.fabs(now.v_x))

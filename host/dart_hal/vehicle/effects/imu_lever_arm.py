@@ -15,6 +15,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
     def signal(v: Any, now: Now) -> Any:
+        # A point k ahead on a rigid body: centripetal acceleration backwards, k omega' to the side.
         return v[0] - k * now.omega * now.omega, v[1] + k * now.omega_dot
 
     return signal

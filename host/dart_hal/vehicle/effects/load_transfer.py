@@ -18,6 +18,7 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     per_mass = 1.0 / p.body.mass
 
     def hook(q: Forces) -> Forces:
+        # Newton's law along the car, with the forces that earlier effects have changed.
         a_x = (q.f_xr + q.f_xf * q.cos_d - q.f_yf * q.sin_d + q.f_x) * per_mass
         share = k * a_x / GRAVITY
         return q._replace(f_yf=q.f_yf * f.fmax(0.0, 1.0 - share),

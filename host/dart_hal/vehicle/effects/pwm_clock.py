@@ -19,6 +19,7 @@ SPAN_US = (375.0, 450.0)  # change of the pulse for a command of 1: steering, th
 
 def stretch_pulse(k: Value, span: float) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
+        # (1 + k) (neutral + span u) = neutral + span u', solved for the effective command u'.
         return v + k * (v + NEUTRAL_US / span)
 
     return signal

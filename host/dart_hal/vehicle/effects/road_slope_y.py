@@ -16,6 +16,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+    # The pull has a fixed direction in the room; the heading turns it into body axes.
     weight = p.body.mass * k
 
     def hook(q: Forces) -> Forces:

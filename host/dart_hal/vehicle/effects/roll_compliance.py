@@ -18,6 +18,7 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     per_mass = 1.0 / p.body.mass
 
     def hook(q: Forces) -> Forces:
+        # Newton's law across the car, with the forces that earlier effects have changed.
         a_y = (q.f_yr + q.f_yf * q.cos_d + q.f_xf * q.sin_d + q.f_y) * per_mass
         lean = a_y / GRAVITY
         factor = f.fmax(0.0, 1.0 - k * lean * lean)

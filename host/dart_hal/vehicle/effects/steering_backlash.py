@@ -17,6 +17,7 @@ def play(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
     half = 0.5 * k
 
     def step(v: Value, now: Now, last: Value) -> tuple[Value, Value]:
+        # The wheels stay until the linkage reaches either end of the play, and move with it then.
         out = f.fmax(v - half, f.fmin(v + half, last))
         return out, out
 

@@ -36,18 +36,22 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
         rigid = q.alpha_f
 
         def iterate(alpha: Value, force: Value) -> Value:
+            # F / alpha, finite at alpha = 0.
             stiffness = force * alpha / (alpha * alpha + SLIP_OFFSET)
             return rigid / f.fmax(0.5, 1.0 + k * direction * stiffness)
 
+        # 1. Three iterations that start at the slip angle of a rigid steering.
         before = front(rigid)
         once = iterate(rigid, before)
         twice = iterate(once, front(once))
         thrice = iterate(twice, front(twice))
+        # 2. Limit of the geometric series that further steps would make.
         step = twice - once
         last = thrice - twice
         ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step + STEP_OFFSET)))
         alpha = thrice + last * ratio / (1.0 - ratio)
         f_yf = front(alpha)
+        # 3. Turn the wheels back by k F_yf: cosine and sine of a difference of angles.
         c = f.cos(k * f_yf)
         s = f.sin(k * f_yf)
         return q._replace(cos_d=q.cos_d * c + q.sin_d * s, sin_d=q.sin_d * c - q.cos_d * s,

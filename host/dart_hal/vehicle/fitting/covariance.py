@@ -56,14 +56,18 @@ def block_covariance(s: Solution, block: IntArray, prior: float | FloatArray = 0
     """
     k = s.jacobian.shape[1]
     weighted = s.jacobian * s.weight[:, None]
+    # 1. H^-1 with H = J'WJ + prior I.
     normal = weighted.T @ s.jacobian
     hessian = scaled_inverse(normal + prior * np.eye(k))
     labels, index = np.unique(block, return_inverse=True)
     if len(labels) < 2:
         return np.full((k, k), np.inf)
+    # 2. g_b = J_b' W_b r_b: the sum over the samples of each block.
     gradient = np.zeros((len(labels), k))
     np.add.at(gradient, index, weighted * s.residual[:, None])
     gradient -= gradient.mean(axis=0)  # with a prior, the sum over the data is not zero
+    # 3. Sum of g_b g_b', times B / (B - 1) or B / (B - p). The prior adds a gradient of its own:
+    #    with x of unit variance, prior * x has the variance prior^2.
     blocks = len(labels)
     determined = float(np.trace(hessian @ normal)) if count_parameters else 1.0
     free = max(blocks - max(determined, 1.0), MIN_RESIDUAL_SHARE * blocks)
@@ -105,16 +109,19 @@ def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
     jac = s.jacobian * root[:, None]
     residual = s.residual * root
     inverse = scaled_inverse(jac.T @ jac)
+    # A square root of (J'J)^-1: half half' is the inverse. Another root would only turn V'.
     value, vector = np.linalg.eigh(inverse)
     half = vector * np.sqrt(np.maximum(value, 0.0))
     meat = np.zeros((k, k))
     for label in labels:
         rows = block == label
+        # H_bb = U S^2 U'. The leverages S^2 are between 0 and 1.
         u, size, _ = np.linalg.svd(jac[rows] @ half, full_matrices=False)
         share = np.maximum(1.0 - size**2, MIN_RESIDUAL_SHARE)
         corrected = residual[rows] + u @ ((1.0 / share - 1.0) * (u.T @ residual[rows]))
         score = jac[rows].T @ corrected
         meat += np.outer(score, score)
+    # Factor of the jackknife.
     factor = (len(labels) - 1) / len(labels)
     return _infinite_where_undetermined(np.asarray(factor * inverse @ meat @ inverse), s)
 
@@ -152,6 +159,7 @@ def enclosing_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
     """
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
         return first
+    # Eigenvectors of the difference are directions in which the two can be compared one by one.
     size = np.sqrt(np.maximum(np.diag(first), 1e-300))
     unit = np.outer(size, size)
     value, vector = np.linalg.eigh((second - first) / unit)

@@ -24,8 +24,8 @@ from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.fitting.robust import SOFT_L1_STDS, scatter, soft_l1_weight
 
+# (parameters (P, k), starts (P, S)) -> readings (P, n), for P variants in one call.
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
-"""(parameters (P, k), starts (P, S)) -> readings (P, n), for P variants in one call."""
 MAX_STEPS = 80
 # Share of the cost; a smaller reduction in one step ends the fit. The parameters then move by far
 # less than their standard errors.
@@ -109,6 +109,7 @@ def _linearise(p: FreeStarts, x: FloatArray, starts: FloatArray
 
     Rows of the batch: x; x with all starts 1e-5 higher; each difference direction up; each down.
     """
+    # Central differences, divided by the real distance: at a bound they are one-sided.
     up = np.minimum(x + p.step, p.high)
     down = np.maximum(x - p.step, p.low)
     move = _difference_directions(p, len(x))
@@ -117,6 +118,8 @@ def _linearise(p: FreeStarts, x: FloatArray, starts: FloatArray
     tiled[1] += 1e-5
     read = p.predict(variants, tiled)
     change = read[2:2 + len(move)] - read[2 + len(move):]
+    # The last pair of rollouts moved all grouped parameters: each one's share is in the samples of
+    # its group.
     if p.group is not None:
         shared = len(move) - 1
         own = np.where(p.group == np.arange(len(x) - shared)[:, None], change[-1], 0.0)
@@ -151,6 +154,7 @@ def _project(p: FreeStarts, residual: FloatArray, jac: FloatArray, slope: FloatA
     def sum_by_stretch(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(p.stretch, values, minlength=count), dtype=np.float64)
 
+    # The start of a stretch solves one equation, sum(w b^2) s = -sum(w b (r + J dx)).
     square = np.maximum(sum_by_stretch(weight * slope**2), 1e-12)
     share = np.stack([sum_by_stretch(weight * slope * column) for column in jac.T], axis=1)
     share = share / square[:, None]

@@ -87,6 +87,7 @@ def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, lo
     """Compute central differences (n, k); one-sided at a bound."""
     columns = []
     for i, value in enumerate(x):
+        # A millionth of the value; near 0, of a thousandth of its interval.
         step = 1e-6 * max(abs(float(value)), 1e-3 * float(high[i] - low[i]))
         up = x.copy()
         down = x.copy()

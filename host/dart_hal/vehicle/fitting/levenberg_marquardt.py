@@ -75,6 +75,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
     is_proven = False  # J has led to a step that reduced the cost
     for _ in range(max_iterations):
         weight = soft_l1_weight(r, robust)
+        # 1. Quadratic model of the cost at x: Gauss-Newton with the weights of the robust loss.
         weighted = jac * np.sqrt(weight)[:, None]
         hessian = weighted.T @ weighted + prior * np.eye(len(x))
         slope = jac.T @ (weight * r) + prior * x
@@ -82,6 +83,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
         negligible = MIN_PREDICTED_SHARE * cost_tolerance * cost
         has_moved = False
         increase = DAMPING_INCREASE
+        # 2. Damped step. The damping rises, each time by a larger factor, until the cost falls.
         while damping < MAX_DAMPING:
             trial = _damped_step(x, hessian, slope, damping, np.maximum(low, x - max_step),
                                  np.minimum(high, x + max_step))
@@ -99,6 +101,7 @@ def descend(residual: Callable[[FloatArray], FloatArray],
                 break
             damping *= increase
             increase *= DAMPING_INCREASE
+        # 3. An old Jacobian that leads to no reduction is replaced before the search ends.
         if not has_moved and not is_fresh and not (is_proven and predicted < negligible):
             jac = jacobian(x, r)
             is_fresh = True

@@ -23,6 +23,7 @@ def between_variance(x: FloatArray, variance: FloatArray) -> float:
     if len(x) < 2:
         return 0.0
     weight = 1.0 / variance
+    # Q has the expectation n - 1 + tau^2 (sum(w) - sum(w^2) / sum(w)): solved for tau^2.
     off = x - weight @ x / weight.sum()
     spare = weight.sum() - (weight**2).sum() / weight.sum()
     return max(0.0, float((weight @ off**2 - len(x) + 1) / spare))
@@ -40,6 +41,7 @@ def random_effects(x: FloatArray, covariance: FloatArray
     total = np.linalg.inv(precision.sum(axis=0))
     mean = total @ np.einsum("dij,dj->i", precision, x)
     off = x - mean
+    # Scatter that the covariances do not explain widens that of the mean.
     chi2 = float(np.einsum("di,dij,dj->", off, precision, off))
     freedom = max((len(x) - 1) * x.shape[1], 1)
     return np.asarray(mean), np.asarray(total * max(1.0, chi2 / freedom)), between

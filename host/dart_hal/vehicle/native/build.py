@@ -24,18 +24,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent
+# The kernels of the shipped parameter sets, generated.
 COMMITTED = HERE / "kernel.c"
-"""The kernels of the shipped parameter sets, generated."""
+# Libraries that the build of the package made of it.
 BUILT = HERE / "_built"
-"""Libraries that the build of the package made of it."""
 
 COMPILE_OPTIONS = ("-std=gnu11", "-O3", "-ffast-math", "-fopenmp-simd", "-fPIC")
+# What makes a compiler use the vectors of this processor, all of their width (gcc takes half,
+# which costs a third of the speed); the first that the compiler knows.
 MACHINE_OPTIONS: tuple[tuple[str, ...], ...] = (
     ("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ("-mcpu=native",), ())
-"""What makes a compiler use the vectors of this processor, all of their width (gcc takes half,
-which costs a third of the speed); the first that the compiler knows."""
+# glibc's vector sin, tanh and so on, where there are any; -lm is always linked.
 VECTOR_MATH: tuple[tuple[str, ...], ...] = (("-lmvec",), ())
-"""glibc's vector sin, tanh and so on, where there are any; -lm is always linked."""
 TIMEOUT_S = 120.0
 # Libraries in the user's cache, each about 30 kB. A diagnosis that finds ten causes needs about
 # 150: one for each effect on forces, combined with the causes found before.

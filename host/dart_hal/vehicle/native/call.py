@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dart_hal.vehicle.native.library import Job, Run
 
 Array = NDArray[Any]
+# Cars that are computed together at most: ``PAD`` of the C text.
 PAD = 16
-"""Cars that are computed together at most: ``PAD`` of the C text."""
 
 
 def call(run: Run, h: Array, start: Array, first: Array, second: Array,
@@ -27,11 +27,14 @@ def call(run: Run, h: Array, start: Array, first: Array, second: Array,
     start, first, second = (np.ascontiguousarray(a, dtype=h.dtype)
                             for a in (start, first, second))
     states, n = start.shape
+    # The kernel writes states in ascending order of their samples; any other order is restored at
+    # the end.
     order = np.argsort(output_samples, kind="stable")
     reads = np.asarray(output_samples, dtype=np.int64)[order]
     in_order = bool((order[:-1] < order[1:]).all())
     result = (out if out is not None and in_order
               else np.empty((len(reads), states, n), dtype=h.dtype))
+    # Strides of the inputs: a column for each car, or one column for all.
     lane, row = (1, n) if first.ndim == 2 else (0, 1)
     run(ctypes.byref(Job(
         n=n, samples=len(first), substeps=substeps, reads=len(reads), ldh=h.shape[-1], lane=lane,

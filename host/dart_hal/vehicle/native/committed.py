@@ -10,8 +10,8 @@ from dart_hal.vehicle.native.emit import body, source
 from dart_hal.vehicle.native.model import STATE_NAMES, form_of, trace
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
+# Built with the package; every other form is compiled on its first use.
 FORMS = (PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic"))
-"""Built with the package; every other form is compiled on its first use."""
 
 
 def text() -> str:

@@ -11,8 +11,8 @@ from dart_hal.vehicle.native import build
 from dart_hal.vehicle.native.emit import body, source
 from dart_hal.vehicle.native.model import Traced
 
+# Environment variable: 0 = numpy always.
 NATIVE_SWITCH = "DART_HAL_NATIVE"
-"""Environment variable: 0 = numpy always."""
 
 
 class Job(ctypes.Structure):
@@ -30,8 +30,8 @@ class Job(ctypes.Structure):
     )
 
 
+# ``run(byref(job))``.
 Run = Callable[[object], None]
-"""``run(byref(job))``."""
 
 
 def is_switched_off() -> bool:

@@ -42,8 +42,8 @@ class Traced:
     held: tuple[int, ...]
 
 
+# Vehicles by what makes equations differ: a fit needs the same ones thousands of times.
 _FORM_CACHE: dict[Hashable, Vehicle] = {}
-"""Vehicles by what makes equations differ: a fit needs the same ones thousands of times."""
 
 
 @lru_cache(maxsize=64)
@@ -73,11 +73,14 @@ def record(name: str, make: Callable[[Callable[[str], Expr], Namespace], Callabl
 def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, ...],
           outputs: tuple[int, ...]) -> Traced:
     """Find what stays the same over the steps of a sample, and over all of them."""
+    # Level of a node: 0 depends on parameters alone, 1 on inputs too, 2 on the state too.
     level: dict[int, int] = {}
     for i in find_dependencies(graph, outputs):
         node = graph.nodes[i]
         own = 2 if node.name in states else 1 if node.name in inputs else 0
         level[i] = max([own, *(level[a] for a in node.args)])
+    # Where a node uses a value of a lower level, that value is computed outside of the loop: once
+    # per sample (level 1), or by the caller (level 0). Constants are written into the text.
     uniform: set[int] = set()
     held: set[int] = set()
     for i in level:

@@ -62,6 +62,9 @@ class Graph:
         """The node of an operation; numbers among themselves are computed at once."""
         exprs = [x if isinstance(x, Expr) else self.constant(x) for x in operands]
         nodes = [self.nodes[x.index] for x in exprs]
+        # 1. Numbers among themselves are computed at once.
+        # 2. x + 0, 1 x and the like are x.
+        # 3. All else is a node; an equal one is used again, so that a kernel computes it once.
         if all(n.op == "const" for n in nodes):
             return self.constant(_operation(op, SCALAR)(*[n.value for n in nodes]))
         same = _simplify(op, exprs, nodes)
@@ -155,6 +158,8 @@ def evaluate(graph: Graph, targets: tuple[int, ...], symbols: Mapping[str, Any],
 
 def find_dependencies(graph: Graph, targets: tuple[int, ...]) -> list[int]:
     """All nodes that ``targets`` depend on and themselves, in computable order."""
+    # Depth-first search. Operands exist before their operation, so ascending indices are a
+    # computable order.
     found: set[int] = set()
     todo = list(targets)
     while todo:

@@ -38,12 +38,12 @@ from .space import NO_DELAY, MessageTiming
 from .standing import uniform_sequence
 
 ONBOARD_MOTION = ("encoder", "gyro")
+# What no recording without motion capture can determine.
 NOT_OBSERVABLE = (
     "position, heading in the room and speed sideways: no sensor on the car measures them",
     "what motion capture does to a pose, for there is none",
     "the direction of a slope in the room: only that to the heading at the start of a recording",
     "the scale of speed by itself: only through motor, steering and accelerometer")
-"""What no recording without motion capture can determine."""
 
 
 class OnboardEvidence(Evidence):

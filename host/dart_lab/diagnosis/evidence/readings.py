@@ -23,8 +23,8 @@ REST_YAW_SAMPLES = 10  # samples to each side over which the yaw rate of a car a
 ENCODER_SAMPLES = 10  # samples over which the encoder counts
 # With fewer points the yaw rate carries more noise, and any effect that shifts a signal by part of
 # a sample would reduce the loss by smoothing that noise.
+# Samples of the derivative that gives the yaw rate to which the gyro is compared.
 YAW_RATE_POINTS = 11
-"""Samples of the derivative that gives the yaw rate to which the gyro is compared."""
 
 
 @dataclass(frozen=True, slots=True)

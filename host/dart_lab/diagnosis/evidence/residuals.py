@@ -56,9 +56,9 @@ from .readings import (
 from .space import MESSAGE_AGE, NO_DELAY, RUN_MESSAGE_AGE, MessageTiming
 
 MOTION = ("v_x", "v_y", "omega")
+# By signal that only sensors read: the channels in which an effect on it shows.
 SIGNAL_CHANNELS = MappingProxyType({"wheel": ("encoder",), "gyro": ("gyro",),
                                     "accel": ("accel_x", "accel_y")})
-"""By signal that only sensors read: the channels in which an effect on it shows."""
 IMU = frozenset({"gyro", "accel"})
 POSE, THROTTLE, SERVO, STEERING = (frozenset(c) for c in (
     ("pose",), ("throttle",), ("steering",), ("steering", "angle")))
@@ -72,8 +72,8 @@ REST_LABEL = 50_000
 STATE_SAMPLES = [r + j for r in READ_OUTS for j in range(-HALF_POINTS, HALF_POINTS + 1)]
 OFFSETS = np.arange(-HALF_POINTS, HALF_POINTS + 1)
 # Least-squares line through DERIVATIVE_POINTS poses: weights j / sum(j^2) per sample.
+# Weights of consecutive poses that give their derivative [1/s].
 DERIVATIVE_WEIGHTS = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
-"""Weights of consecutive poses that give their derivative [1/s]."""
 T = TypeVar("T")
 SampleInputs = Callable[[FloatArray, IntArray], FloatArray]
 
@@ -90,8 +90,8 @@ class Residuals:
     sensors: FloatArray
 
 
+# Evidence that came from another process, by its identifier.
 EVIDENCE_CACHE: OrderedDict[str, Evidence] = OrderedDict()
-"""Evidence that came from another process, by its identifier."""
 
 
 class Evidence:

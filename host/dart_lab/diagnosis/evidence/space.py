@@ -69,8 +69,8 @@ class MessageTiming:
                                        "throttle_s": d.throttle_s - self.command_age}})
 
 
+# Readings and commands act at the stamp of their message.
 NO_DELAY = MessageTiming(message_age=0.0)
-"""Readings and commands act at the stamp of their message."""
 
 
 class Space:

@@ -25,18 +25,18 @@ from dart_hal.recording.dart.spans import Spans, span_index
 
 # A disturbance has 0.15 s of memory, so it does not reach from one stretch into the next, and
 # neither does the smoothing.
+# Gap between two stretches [s].
 GUARD_S = 1.0
-"""Gap between two stretches [s]."""
 # Four cycles in a minute, each with 5 s of test.
+# Time from one training stretch to the next [s].
 CYCLE_S = 15.0
-"""Time from one training stretch to the next [s]."""
 # A window of 2 s and the smoothing at its ends.
+# Shortest stretch [s].
 MIN_STRETCH_S = 2.5
-"""Shortest stretch [s]."""
+# Shifts of the cycle that are compared.
 N_SHIFTS = 10
-"""Shifts of the cycle that are compared."""
+# Standard deviation below which a command is constant.
 MIN_COMMAND_STD = 1e-3
-"""Standard deviation below which a command is constant."""
 SpanPair = tuple[Spans, Spans]
 
 

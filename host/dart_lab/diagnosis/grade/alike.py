@@ -27,10 +27,10 @@ from ..evidence.rows import RowLabels, label_rows
 from ..policy import AlikePolicy, Policy
 from ..search.fit import Point
 
+# Effects that differ from floor to floor or car to car, and their names for a reader.
 PROBES: Mapping[str, str] = {
     "grip": "grip", "motor_gain": "drive force", "steering_trim": "angle straight on",
     "steering_gain": "steering angle"}
-"""Effects that differ from floor to floor or car to car, and their names for a reader."""
 PROBE_STEP = 0.1  # of a medium size; one-sided difference for a slope
 
 

@@ -24,11 +24,11 @@ from ..unexplained.bases import basis_functions
 from ..unexplained.features import message_features, window_features
 from .family import force_variants
 
+# Variables on which the force of a cause may depend, each with and without its sign.
 STATE = ("speed", "steering_angle", "throttle", "lateral_acceleration", "acceleration",
          "steering_rate")
-"""Variables on which the force of a cause may depend, each with and without its sign."""
+# Further variables on which the size of a constant cause must not depend.
 PLACE = ("time", "x", "y", "heading")
-"""Further variables on which the size of a constant cause must not depend."""
 
 
 @dataclass(frozen=True, slots=True)

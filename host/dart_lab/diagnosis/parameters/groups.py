@@ -109,6 +109,8 @@ def _size(key: str) -> Quantity:
     return lambda p: float(getattr(apply_parameter_effects(p).body, key))
 
 
+# By name. Sizes of the body are fitted only if car.toml states their errors: without these, a fit
+# would reduce mass and inertia to follow the noise.
 GROUPS: Mapping[str, ParameterGroup] = MappingProxyType({
     "friction": ParameterGroup(
         "friction", ("friction.*",),
@@ -165,9 +167,8 @@ GROUPS: Mapping[str, ParameterGroup] = MappingProxyType({
         {"yaw inertia": ("kg m2", _size("yaw_inertia"))},
         "Hang the car on two strings and time how it swings about the vertical axis."),
 })
-"""By name. Sizes of the body are fitted only if car.toml states their errors: without these, a fit
-would reduce mass and inertia to follow the noise."""
 
+# By two confounded groups: name, title and quantities of both together.
 MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity]]]] = (
     MappingProxyType({
         frozenset({"friction", "motor"}): (
@@ -188,7 +189,6 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
             "command timing", "time from command to wheel, of the steering or of the throttle",
             {"steering later than throttle": (
                 "ms", lambda p: _total_delay("steering")(p) - _total_delay("throttle")(p))})}))
-"""By two confounded groups: name, title and quantities of both together."""
 
 
 def list_quantities(group: str) -> Mapping[str, tuple[str, Quantity]]:

@@ -27,8 +27,8 @@ from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refi
 
 # A fit divides a time into delay and age with some error: two standard errors of the 5 ms that
 # files state for a delay.
+# Time by which an age may leave its range here, where delays are fixed [s].
 AGE_TOLERANCE_S = 0.010
-"""Time by which an age may leave its range here, where delays are fixed [s]."""
 
 
 class RecordingLosses:
