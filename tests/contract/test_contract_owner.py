@@ -15,8 +15,8 @@ from dart_hal.car import Car
 from dart_hal.core.errors import LinkLost, NotPca, PcaBusy
 from dart_hal.devices.links import i2c
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.power_monitor import PowerMonitor
 from tests.common import PROCESS_TIMEOUT_S
+from tests.power_monitor import PowerMonitor
 
 pytestmark = pytest.mark.realtime
 

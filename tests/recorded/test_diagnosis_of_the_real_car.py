@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import Diagnosis, diagnose
-from dart_lab.diagnosis.evidence.space import TIMING_COORDINATES
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.gains import make_recording_set, rollout_gains
 from dart_lab.diagnosis.result import VERDICTS
 from dart_lab.diagnosis.run import make_evidence
@@ -132,7 +132,7 @@ def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     few, many = (fit_base(train, passes, monkeypatch) for passes in (2, 4))
     block = label_point_rows(make_evidence(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
-    assert (np.abs(many.x - few.x) / std)[:-TIMING_COORDINATES].max() < 0.5
+    assert (np.abs(many.x - few.x) / std)[:-len(fields(MessageTiming))].max() < 0.5
 
 
 def test_every_cause_has_an_interval_around_its_gain_and_evidence(case):

@@ -7,7 +7,7 @@ import pytest
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
 from dart_lab.sim.cutoff import INPUT_FILTER, EscInput, make_wiring
-from dart_lab.sim.levels import CLAMP_MAX, clamp_current, divider_voltage, logic_level
+from dart_lab.sim.levels import divider_voltage, logic_level
 from dart_lab.sim.mock_capture import MockCapture
 from dart_lab.sim.pca9685 import Pca9685Model
 
@@ -106,6 +106,18 @@ def test_users_are_offered_the_good_ones(raw_car):
 def test_two_pulls_meet(up, down, level):
     """10 k against a board's own 10 k: 1.65 V, neither low nor high."""
     assert logic_level(divider_voltage(3.3, up, down)) is level
+
+
+# Absolute maximum of the current into an input clamp of 74HC and 74HCT parts [A].
+CLAMP_MAX = 0.020
+
+
+def clamp_current(volt, series):
+    """Current [A] from a pin of the ATmega328P over ``series`` ohm into a chip at 0 V.
+
+    The clamp diode takes 0.6 V, the pin has 25 ohm (0.5 V at 20 mA).
+    """
+    return max(0.0, volt - 0.6) / (series + 25.0)
 
 
 def test_series_resistors_keep_a_chip_without_supply_alive():

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from dart_hal.core.errors import ConfigError, NotMonotone, UsageError
+from dart_hal.core.errors import ConfigError, NotMonotone
 from dart_hal.vehicle import (
     ARRAY,
     PAPER,
@@ -32,7 +32,6 @@ from dart_hal.vehicle import (
     make_steering,
     make_steering_inverse,
     make_tyres,
-    vehicle_set,
 )
 
 ANY_SPEED = st.floats(-3.0, 3.0)
@@ -221,9 +220,3 @@ def test_wrong_units_are_refused(make):
     with pytest.raises(ConfigError):
         make()
 
-
-def test_sets_are_found_by_name_and_others_named():
-    assert vehicle_set("paper") is PAPER
-    with pytest.raises(UsageError) as caught:
-        vehicle_set("p3")
-    assert "upstream-2024" in caught.value.expected

@@ -201,11 +201,6 @@ def split_car(path: Path | str) -> tuple[Path, str | None]:
     return (Path(text), car) if mark and not Path(path).exists() else (Path(path), None)
 
 
-def cars_in(found: McapFile) -> tuple[str, ...]:
-    """Return the names of the cars of a file of several; () for a file of one car."""
-    return tuple(found.metadata.get(CARS_ATTACHMENT, ()))
-
-
 def select_car(found: McapFile, car: str | None) -> McapFile:
     """Return the part of one car, like a file with that car only. Raises RecordingError."""
     cars = found.metadata.get(CARS_ATTACHMENT, {})

@@ -7,7 +7,6 @@ DART recordings, for tools that read those.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -94,34 +93,26 @@ class CsvWriter(_CsvWriter):
                          "|".join(sorted(s.health.flags))))
 
 
-def pulse_command(center_us: float = 1500.0, span_us: float = 375.0) -> Callable[[State], float]:
-    """Return the function from a State to its steering command in [-1, 1], 0 without a pulse.
-
-    It inverts pulse = center + span * command.
-    """
-    return lambda state: ((state.applied.steering_us or center_us) - center_us) / span_us
+def _steering_command(s: State) -> float:
+    """Return the steering command in [-1, 1], 0 without a pulse: pulse = 1500 + 375 * command."""
+    return ((s.applied.steering_us or 1500.0) - 1500.0) / 375.0
 
 
 class DartCsvWriter(_CsvWriter):
     """The ten columns of the DART recordings (schema A), one row per State.
 
     The accelerations lack gravity, unlike theirs. ``safety_value`` is 1 while
-    the car is armed. ``steering_of`` turns a State into the steering command.
+    the car is armed.
     """
 
     columns = DART_COLUMNS
     newline = "\r\n"
 
-    def __init__(self, path: Path | str,
-                 steering_of: Callable[[State], float] | None = None) -> None:
-        super().__init__(path)
-        self._steering_of = steering_of or pulse_command()
-
     def state(self, s: State) -> None:
         """Write the row of a State."""
         gate = 0.0 if "NOT_ARMED" in map(str, s.applied.limited) else 1.0
         self._write_row((s.t, 0.0, 0.0, s.accel_x or 0.0, s.accel_y or 0.0, s.yaw_rate or 0.0,
-                         abs(s.speed), gate, s.applied.throttle, self._steering_of(s)))
+                         abs(s.speed), gate, s.applied.throttle, _steering_command(s)))
 
 
 def _format_cell(value: object) -> str:

@@ -27,7 +27,7 @@ from dart_hal.vehicle.parameters import (
     Steering,
     Vehicle,
 )
-from dart_hal.vehicle.sets import PAPER, PAPER_PRINTED, SETS, UPSTREAM_2024, vehicle_set
+from dart_hal.vehicle.sets import PAPER, PAPER_PRINTED, SETS, UPSTREAM_2024
 from dart_hal.vehicle.steering import check_monotone, make_steering, make_steering_inverse
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 from dart_hal.vehicle.tyres import make_slip, make_tyres
@@ -42,7 +42,7 @@ __all__ = [
     "make_car_step",
     "make_dead_band", "make_dynamic", "make_dynamic_step", "make_friction", "make_kinematic",
     "make_kinematic_step", "make_motion_step", "make_motor", "make_motor_gains", "make_slip",
-    "make_steering", "make_steering_inverse", "make_tyres", "rollout", "stack", "vehicle_set",
+    "make_steering", "make_steering_inverse", "make_tyres", "rollout", "stack",
 ]
 
 

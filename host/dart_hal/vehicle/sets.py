@@ -12,7 +12,6 @@ import math
 from pathlib import Path
 
 from dart_hal.core.config import load_model
-from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -29,10 +28,3 @@ PAPER = _load_published("paper")
 PAPER_PRINTED = _load_published("paper-printed")
 UPSTREAM_2024 = _load_published("upstream-2024")
 SETS = {v.name: v for v in (PAPER, PAPER_PRINTED, UPSTREAM_2024)}
-
-
-def vehicle_set(name: str) -> Vehicle:
-    """The shipped set of that name. Raises UsageError, which lists the names."""
-    if name not in SETS:
-        raise UsageError(f"no parameter set is called {name!r}", expected=", ".join(SETS))
-    return SETS[name]

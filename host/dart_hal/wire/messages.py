@@ -308,9 +308,6 @@ PARAMS: tuple[Param, ...] = (
 )
 PARAM_BY_NAME = {p.name: p for p in PARAMS}
 
-# STATE.imu_age if there is no sample, or one older than 262 ms.
-STATE_IMU_AGE_NONE = 65535
-
 PARAM_STATUS = {"OK": 0, "UNKNOWN_ID": 1, "OUT_OF_RANGE": 2, "EEPROM_BUSY": 3}
 # Names of the bits of HELLO.caps.
 CAPS = ("RING_B", "CAPTURE", "OUTPUT_ENABLE", "MULTIPLEXER", "WATCHDOG_RESET", "GYRO_LOOK")

@@ -38,7 +38,6 @@ MIN_AGREEMENT = 0.9
 # Share of rows that repeat a message from which on a log is taken to repeat its messages.
 MIN_REPEATED_SHARE = 0.1
 # Names, best rule first. The text is lower case.
-SEPARATOR = r"(?:^|[^a-z0-9])"
 END = r"(?:$|[^a-z0-9])"
 NAME_RULES: dict[str, tuple[str, ...]] = {
     "time": (r"(vicon|mocap|optitrack).*time", r"^stamp$",

@@ -8,8 +8,8 @@ import pytest
 
 from dart_hal.core.errors import CATALOGUE, NotPca, PcaFault
 from dart_hal.devices.actuation.standby import Throttle
-from dart_lab.sim.power_monitor import PowerMonitor
 from tests.devices.actuation.pwm_world import World, car_files
+from tests.power_monitor import PowerMonitor
 
 MONITORS = {
     "INA3221": None,

@@ -10,7 +10,7 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.onboard import list_limits, pose_only_effects
+from dart_lab.diagnosis.evidence.onboard import list_limits
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, record_onboard
@@ -52,8 +52,10 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
         k = q.null + q.sizes[2] if q.null + q.sizes[2] <= q.high else q.null - q.sizes[2]
         there, _ = noise.stack(plain.residuals(apply(PAPER, name, **{q.name: k})))
         effect_of[name] = float(np.sum((there - here)**2))
-    assert {n for n, change in effect_of.items() if change == 0.0} == set(pose_only_effects())
-    assert min(change for n, change in effect_of.items() if n not in pose_only_effects()) > 20.0
+    pose_only = {name for name, e in catalogue().items()
+                 if set(e.signals) == {"pose"} and e.force is None and e.vehicle is None}
+    assert {n for n, change in effect_of.items() if change == 0.0} == pose_only
+    assert min(change for n, change in effect_of.items() if n not in pose_only) > 20.0
 
 
 @pytest.mark.slow

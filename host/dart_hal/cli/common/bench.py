@@ -89,11 +89,6 @@ class TerminalOperator:
         """[kg]."""
         return self._ask("the car on the scale, ready to drive [kg]"), SCALE_STD
 
-    def axle_loads(self) -> tuple[float, float, float]:
-        """[kg]."""
-        front = self._ask("the front axle alone on the scale, the car level [kg]")
-        return front, self._ask("the rear axle alone on the scale, the car level [kg]"), SCALE_STD
-
     def _wait(self, act: str) -> None:
         self._pause()
         if not sys.stdin.isatty():

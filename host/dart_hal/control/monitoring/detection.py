@@ -18,15 +18,6 @@ def is_detected(robots: FloatArray, targets: FloatArray, radius: float) -> BoolA
     return np.asarray((np.sum(difference * difference, axis=-1) <= radius * radius).any(axis=-1))
 
 
-def first_detection_time(
-    t: FloatArray, robots: FloatArray, target: FloatArray, radius: float
-) -> float:
-    """Return the first time [s] of t (k,) at which robots (k, n, 2) detect a target (k, 2), or inf.
-    """
-    hit = np.flatnonzero(is_detected(robots, target, radius))
-    return float(t[hit[0]]) if len(hit) else float("inf")
-
-
 def coverage(curve: Lissajous, robots: FloatArray, radius: float, cells: int = 60
              ) -> tuple[FloatArray, float]:
     """Return the observed share of the area at each time (k,), and the share observed at any time.

@@ -34,15 +34,6 @@ def rates(theta: FloatArray, omega: float, k: float) -> FloatArray:
                                    + np.sin(theta - np.roll(theta, -1))), dtype=np.float64)
 
 
-def integrate(theta: FloatArray, omega: float, k: float, dt: float) -> FloatArray:
-    """Return the phases dt [s] later, by one Runge-Kutta step of fourth order."""
-    k1 = rates(theta, omega, k)
-    k2 = rates(theta + 0.5 * dt * k1, omega, k)
-    k3 = rates(theta + 0.5 * dt * k2, omega, k)
-    k4 = rates(theta + dt * k3, omega, k)
-    return theta + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
 def evenly_spread(n: int, p: int) -> FloatArray:
     """Return the phases (n,) [rad] of the p-winding state, the first at 0."""
     return 2.0 * pi * p / n * np.arange(n, dtype=np.float64)
@@ -58,14 +49,3 @@ def disagreement(theta: FloatArray, p: int) -> float:
     n = len(theta)
     error = np.roll(theta, -1) - theta - 2.0 * pi * p / n
     return float(np.abs(np.remainder(error + pi, 2.0 * pi) - pi).max())
-
-
-def winding(theta: FloatArray) -> int:
-    """Return how often the phases go round along the ring, 0 <= winding < n."""
-    steps = np.remainder(np.roll(theta, -1) - theta, 2.0 * pi)
-    return round(float(steps.sum()) / (2.0 * pi)) % len(theta)
-
-
-def slowest_decay(n: int, p: int, k: float) -> float:
-    """Return the decay [1/s] of the slowest mode about a stable p-winding state; k [rad/s]."""
-    return -k * cos(2.0 * pi * p / n) * (2.0 - 2.0 * cos(2.0 * pi / n))

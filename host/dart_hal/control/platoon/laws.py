@@ -33,15 +33,6 @@ def limit_feed_forward(
     return min(reported, gains.k * (gains.alpha * gains.d + gains.h * (speed - gains.v_d)))
 
 
-def cacc(
-    gains: PlatoonGains, gap: float, speed: float, predecessor_speed: float, reported: float
-) -> float:
-    """Return the acceleration [m/s2] with the limited feed-forward, not clipped."""
-    return acc(gains, gap, speed, predecessor_speed) + limit_feed_forward(
-        gains, gap, speed, predecessor_speed, reported
-    )
-
-
 def clip(gains: PlatoonGains, u: float) -> float:
     """Limit an acceleration to what the car can do."""
     return min(max(u, gains.u_min), gains.u_max)

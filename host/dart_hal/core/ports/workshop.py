@@ -44,6 +44,3 @@ class Workshop(Protocol):
 
     def mass(self) -> tuple[float, float]:
         """Return (reading, standard deviation) of a kitchen scale under the car [kg]."""
-
-    def axle_loads(self) -> tuple[float, float, float]:
-        """Return (front, rear, standard deviation) [kg]: one axle on the scale, the car level."""

@@ -31,11 +31,9 @@ from dart_hal.core.types import FloatArray
 BAUD = 128_000
 # s between two samples of the X4 by its own clock: 5 kHz.
 SAMPLE_PERIOD = 0.2e-3
-# Commands: start and stop the stream, request device information, request the health status.
+# Commands: start and stop the stream.
 START_COMMAND = b"\xa5\x60"
 STOP_COMMAND = b"\xa5\x65"
-INFO_COMMAND = b"\xa5\x90"
-HEALTH_COMMAND = b"\xa5\x91"
 
 # Bytes of a packet before its samples.
 HEADER_SIZE = 10

@@ -13,7 +13,6 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import apply_parameter_effects
-from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..policy import MIN_READINGS, USUAL, EvidencePolicy
@@ -144,12 +143,6 @@ class OnboardEvidence(Evidence):
             lambda: [actuator_means(d, q, "steering", timing) for d in self.drives])
         return [steering_output(d, q, timing, one)
                 for d, one in zip(self.drives, servo, strict=True)]
-
-
-def pose_only_effects() -> tuple[str, ...]:
-    """Return effects of the catalogue that change no reading of an on-board sensor."""
-    return tuple(name for name, e in catalogue().items()
-                 if set(e.signals) == {"pose"} and e.force is None and e.vehicle is None)
 
 
 def list_limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence

@@ -43,7 +43,6 @@ PRIOR_STEP = 1e-3  # prior standard deviations; one-sided difference for a deriv
 TIMING_STEP = 4e-3  # s; two-sided difference for delays and ages of commands
 # A reading bends within milliseconds: a slope over a longer time misses the minimum.
 READING_STEP = 5e-4  # s; two-sided difference for ages of readings
-TIMING_COORDINATES = 4  # fields of Timing
 BOUND_TOLERANCE = 1e-6  # prior standard deviations; a fit that is nearer to a bound is on it
 NO_STANDARD_ERRORS: Mapping[str, float] = MappingProxyType({})
 

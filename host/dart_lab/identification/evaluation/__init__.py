@@ -12,7 +12,7 @@ from __future__ import annotations
 from dart_lab.identification.prediction.actuators import actuator_outputs
 from dart_lab.identification.prediction.windows import HORIZONS
 
-from .cases import Case, FileUse, Prepared, exclude_cases, prepare
+from .cases import Case, FileUse, Prepared, prepare
 from .compare import Gain, gain, gains
 from .prediction import (
     CHANNELS,
@@ -46,7 +46,6 @@ __all__ = [
     "dynamic",
     "errors",
     "evaluate",
-    "exclude_cases",
     "gain",
     "gains",
     "kinematic",

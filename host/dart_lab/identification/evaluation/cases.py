@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -108,11 +108,6 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
     if not cases:
         raise _make_no_case_error(files)
     return Prepared(tuple(cases), files)
-
-
-def exclude_cases(prepared: Prepared, files: Sequence[str]) -> Prepared:
-    """Exclude the cases of ``files``: for cross-validation over recordings and days."""
-    return replace(prepared, cases=tuple(c for c in prepared.cases if c.file not in files))
 
 
 def short(file: str, folder: int = 26) -> str:
