@@ -62,7 +62,7 @@ def driven(name, spoil):
         moved = None
         for state in car.states(duration=15.0):
             steering, speed = follower.answer(state.estimate.predict(car.now))
-            outcomes.extend(follower.tracker.told.get("outcome", ()))
+            outcomes.extend(follower.tracker.plan_log.get("outcome", ()))
             moved = state.t if moved is None and state.speed > 0.1 else moved
             if ceased is None and moved is not None and state.t > moved + SPOILT:
                 ceased = world.t

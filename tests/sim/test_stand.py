@@ -19,14 +19,14 @@ TICK = 1e-3
 URL = "sim://?nano=mock&seed=3"
 
 
-def stand(seed=3, tick=TICK, **options):
+def make_stand(seed=3, tick=TICK, **options):
     car = hidden_car(seed)
     return car, LiftedCar(car, MotorForce(car.vehicle), tick, **options)
 
 
 @pytest.mark.parametrize("throttle", [0.25, 0.6, -0.5])
 def test_at_a_steady_speed_the_pull_is_the_drive_trains_friction(throttle):
-    car, wheels = stand()
+    car, wheels = make_stand()
     for _ in range(5000):
         speed = wheels.step(throttle, 0.0)
     drive = MotorForce(car.vehicle)
@@ -38,7 +38,7 @@ def test_at_a_steady_speed_the_pull_is_the_drive_trains_friction(throttle):
 
 def test_they_coast_by_mass_and_friction():
     """Against the closed form of v' = -(a + c v) / m above the knee of the dry friction."""
-    car, wheels = stand(speed=2.0)
+    car, wheels = make_stand(speed=2.0)
     seconds = 0.0
     while wheels.speed > 1.0:
         wheels.step(0.0, 0.0)
@@ -50,7 +50,7 @@ def test_they_coast_by_mass_and_friction():
 
 @pytest.mark.parametrize("tick", [1e-3, 1e-2])
 def test_a_brake_stops_them_and_never_turns_them_back(tick):
-    _, wheels = stand(speed=4.0, tick=tick)
+    _, wheels = make_stand(speed=4.0, tick=tick)
     speeds = [wheels.step(0.0, 20.0) for _ in range(round(0.5 / tick))]
     assert np.all(np.diff(speeds) <= 1e-12)
     assert -1e-12 < speeds[-1] < 1e-3

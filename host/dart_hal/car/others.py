@@ -69,7 +69,7 @@ class Others:
         """
         tracker = self.follower.tracker
         traffic = self.traffic
-        if tracker.told and isinstance(tracker, Contouring) and tracker.plan is not None:
+        if tracker.plan_log and isinstance(tracker, Contouring) and tracker.plan is not None:
             plan = tracker.plan
             self.member.tell_plan(plan.states[:, :4], step=STAGE_PERIOD, t=plan.t)
         return {"room": traffic.room if traffic.room < inf else -1.0,

@@ -203,8 +203,8 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
             car.drive_speed(steering=steering, speed=speed, source=COMMAND_SOURCE)
             car.log("follow", {"s": follower.tracker.s, "offset": follower.tracker.offset,
                                "speed": speed})
-            if follower.tracker.told:
-                car.log("plan", follower.tracker.told)
+            if follower.tracker.plan_log:
+                car.log("plan", follower.tracker.plan_log)
             if others:
                 car.log("traffic", others.publish())
             apply_keys(keys, follower)

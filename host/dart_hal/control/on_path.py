@@ -17,7 +17,7 @@ class Tracker(Protocol):
 
     s [m]: arc length of the closest point, grows over laps; offset [m]: of the car to its left;
     speed [m/s]: limit of this tracker; why: set if it cannot continue, it then steers until the car
-    is at rest; told: new values of its plan, for ``car.log``.
+    is at rest; plan_log: new values of its plan, for ``car.log``.
 
     May be set: pace, the target speed [m/s] at an arc length; clock [s], which runs while a tracker
     computes (virtual time does not).
@@ -27,7 +27,7 @@ class Tracker(Protocol):
     offset: float
     speed: float
     why: str
-    told: dict[str, FloatArray]
+    plan_log: dict[str, FloatArray]
     pace: Callable[[float], float]
     clock: Callable[[], float]
 
@@ -47,7 +47,7 @@ class PathTracker(ABC):
         self.s = self.offset = 0.0
         self.speed = inf
         self.why = ""
-        self.told: dict[str, FloatArray] = {}
+        self.plan_log: dict[str, FloatArray] = {}
         self.pace: Callable[[float], float] = lambda s: 1.0
         self.clock: Callable[[], float] = lambda: 0.0
         self._prediction = MotionPrediction(plant)

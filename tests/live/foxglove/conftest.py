@@ -36,11 +36,11 @@ class Client:
             opcode, number, ns = struct.unpack_from("<BIQ", message)
             assert opcode == 1
             return number, ns, message[13:]
-        told = json.loads(message)
-        if told["op"] == "advertise":
-            self.channels |= {c["topic"]: c for c in told["channels"]}
+        content = json.loads(message)
+        if content["op"] == "advertise":
+            self.channels |= {c["topic"]: c for c in content["channels"]}
         else:
-            self.statuses.append(told)
+            self.statuses.append(content)
         return None
 
     def send(self, **message):

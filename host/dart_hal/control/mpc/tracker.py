@@ -118,7 +118,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         pose = motion.pose
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
-        self.told = {}
+        self.plan_log = {}
         self._prediction.update(motion)
         self._measure_clearance(motion)
         if self.why:
@@ -126,13 +126,13 @@ class Contouring(PathTracker, Generic[PlannerT]):
         if motion.t > self._next_plan_t - 1e-6:
             self._next_plan_t = motion.t + STAGE_PERIOD
             self.plan = self._make_plan(motion)
-            self.told = {"outcome": np.array([float(PLAN_OUTCOMES.index(self.plan.outcome))])}
+            self.plan_log = {"outcome": np.array([float(PLAN_OUTCOMES.index(self.plan.outcome))])}
             if self.why:
                 return self._fallback.steer(motion)
             self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             std = lateral_std(self.plan, motion.cov)
-            self.told |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
+            self.plan_log |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
                           "steering": self.plan.inputs[1], "std": std}
             if self._plan_count % PLANS_PER_PREDICTION == 0:
                 self.predictions.append(PredictedPath(x, y, std))
