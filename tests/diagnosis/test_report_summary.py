@@ -84,6 +84,8 @@ def test_what_is_left_is_a_multiple_of_the_noise_floor():
 def test_a_problem_of_the_data_comes_first():
     d = made.diagnosis()
     assert "problem" not in summary_lines(d)[-1]
+    loop = replace(d, notes=("not candidates, because the motor has a speed loop: pwm_clock",))
+    assert "problem" not in summary_lines(loop)[-1]
     both = replace(d, notes=(CLOCKS, "b.csv: the encoder is dead"),
                    late_commands=LATE_FINDING,
                    files={"b.csv": {"why": [DEAD]}, "c.csv": {"why": [FROZEN, "other"]}})

@@ -8,8 +8,11 @@ WHEELBASE = 0.32
 MAX_ANGLE = 0.4
 
 
-def make_log(seconds=60.0, seed=1, rate=100.0):
-    """Return columns of a kinematic car: commands, poses of the rear axle, and ideal sensors."""
+def make_log(seconds=60.0, seed=1, rate=100.0, limit=np.inf):
+    """Return columns of a kinematic car: commands, poses of the rear axle, and ideal sensors.
+
+    limit [m/s]: of the speed that the throttle sets.
+    """
     rng = np.random.default_rng(seed)
     dt = 1.0 / rate
     n = round(seconds * rate)
@@ -20,7 +23,7 @@ def make_log(seconds=60.0, seed=1, rate=100.0):
     x, y, yaw = np.zeros((3, n))
     for k in range(1, n):
         steering[k] = steering[k - 1] + dt / 0.08 * (levels[k - 1] - steering[k - 1])
-        speed[k] = speed[k - 1] + dt / 0.4 * (6.0 * throttle[k - 1] - speed[k - 1])
+        speed[k] = speed[k - 1] + dt / 0.4 * (min(6.0 * throttle[k - 1], limit) - speed[k - 1])
         rate_k = speed[k] * np.tan(MAX_ANGLE * steering[k]) / WHEELBASE
         yaw[k] = yaw[k - 1] + dt * rate_k
         x[k] = x[k - 1] + dt * speed[k] * np.cos(yaw[k])

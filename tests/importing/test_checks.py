@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,10 @@ def test_a_right_log_has_no_contradiction(seed):
     (lambda c: {"speed": 1.7 * c["speed"]}, "encoder", "needs scale = 0.58"),
     (lambda c: {"accel_y": -c["accel_y"]}, "accelerometer", "y of [accelerometer] needs sign"),
     (lambda c: {"accel_y": c["accel_y"] / 9.80665}, "accelerometer", 'needs unit = "g"'),
+    (lambda c: {"accel_x": c["accel_y"], "accel_y": -c["accel_x"]}, "accelerometer",
+     "exchange the columns x and y of [accelerometer]; x then needs sign = -1"),
+    (lambda c: {"accel_x": -c["accel_y"], "accel_y": c["accel_x"]}, "accelerometer",
+     "exchange the columns x and y of [accelerometer]; y then needs sign = -1"),
     (lambda c: {"yaw_rate": shift(c["yaw_rate"], 40)}, "gyro", "needs delay = 0.4"),
     (lambda c: {"speed": shift(c["speed"], 70)}, "encoder", "needs delay = 0.7")])
 def test_each_mistake_is_named_with_its_remedy(log, change, what, remedy):
@@ -94,6 +100,36 @@ def test_columns_without_names_are_found_by_the_data(log):
     assert (m.poses.x.column, m.poses.y.column, m.poses.yaw.column) == ("4", "6", "3")
     assert m.encoder.speed.column == "2"
     assert m.gyro.yaw_rate.column == "5"
+
+
+def test_a_guess_turns_an_accelerometer_that_is_mounted_across(log):
+    columns = {**log, "accel_x": log["accel_y"], "accel_y": -log["accel_x"]}
+    guess = guess_map([Table("log", columns)])
+    data = convert_tables([Table("log", columns)], guess.map)
+    expected = np.stack([log["accel_x"], log["accel_y"]], axis=1)
+    assert data.streams["accelerometer"].values == pytest.approx(expected)
+
+
+SPEED = without_sensors().replace('value = "throttle"', 'value = "throttle"\nkind = "speed"')
+
+
+def test_a_commanded_speed_in_another_unit_states_its_scale(log):
+    (found,) = [f for f in find(log, SPEED) if f.remedy]
+    scale = re.search(r"multiply the scale of value of \[throttle\] by (\S+),", found.remedy)
+    assert float(scale[1]) == pytest.approx(6.0, rel=0.01)
+    scaled = {**log, "throttle": 6.0 * log["throttle"]}
+    assert not [str(f) for f in find(scaled, SPEED) if f.remedy]
+
+
+def test_a_limit_of_the_speed_is_found_and_applied():
+    log = make_log(40.0, limit=1.2)
+    log["throttle"] *= 6.0
+    (found,) = [f for f in find(log, SPEED) if f.remedy]
+    assert "needs limit = 1.20" in found.remedy
+    limited = SPEED.replace('kind = "speed"', 'kind = "speed"\nlimit = 1.2')
+    assert not [str(f) for f in find(log, limited) if f.remedy]
+    data = convert_tables([Table("log", log)], parse_map(limited, "map"))
+    assert data.streams["commands"].values[:, 1].max() == 1.2
 
 
 def test_what_no_data_can_show_is_a_question(log):

@@ -156,6 +156,7 @@ def test_two_clocks_are_refused_and_a_delay_joins_them(log):
     (MAP.replace('x = "x"\n', 'x = {column = "x", unit = "furlong"}\n'), "unknown unit"),
     (MAP.replace('value = "steering"', 'value = "steering"\nkind = "angle"'), "full_scale"),
     (MAP.replace('[throttle]\nvalue = "throttle"\n', ""), "throttle"),
+    (MAP.replace('value = "throttle"', 'value = "throttle"\nlimit = 1.0'), "throttle.limit"),
     (MAP.replace("import/1", "import/9"), "schema")])
 def test_a_wrong_map_is_refused_with_its_key(text, what):
     with pytest.raises(ConfigError, match=what):

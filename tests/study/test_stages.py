@@ -11,6 +11,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle.load import find_model
 from dart_lab.study import StageResult, Study, load_results, run_stage, split_recordings
+from tests.identification.test_speed_loop_fit import driven
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 FRAME = Reference(0.1, 0.01, 0.0, "of the simulation")
@@ -85,3 +86,18 @@ def test_the_next_drive_needs_the_diagnosis_of_this_folder(study):
     StageResult("diagnosis", "", facts={"next_drives": ["circles", "steps"]}).save(study.folder)
     result = run_stage(study, "next")
     assert (result.verdict, result.lines) == ("circles", ("steps",))
+    # Where no cause needs a drive, what the fit lacks remains.
+    StageResult("diagnosis", "", facts={"next_drives": []}).save(study.folder)
+    run_stage(study, "identifiability")
+    result = run_stage(study, "next")
+    assert "nothing to suggest" in result.verdict
+    assert any("coast" in line for line in result.lines)
+
+
+def test_recordings_of_a_speed_loop_start_from_a_model_of_duty(tmp_path):
+    study = Study(tmp_path, (driven(1, 20.0), driven(2, 20.0)), find_model("paper")[0])
+    determined = {p["name"] for p in run_stage(study, "identifiability").facts["parameters"]}
+    assert {"motor.gain", "motor.max_force"} <= determined
+    run_stage(study, "fit")
+    pooled = run_stage(study, "validation").facts["pooled"]
+    assert pooled["fitted"]["vx"] < pooled["start"]["vx"] < pooled["constant velocity"]["vx"]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.imported import ImportedData, Stream
@@ -18,6 +18,8 @@ from dart_hal.recording.imported import ImportedData, Stream
 # s: grid of the comparison, and width of the means that precede a derivative.
 GRID_STEP = 0.02
 SMOOTHING_TIME = 0.2
+# Samples of steady driving without which no scale of a commanded speed is stated: 1 s.
+MIN_STEADY_SAMPLES = 50
 # Shares of the 90 % quantile of a speed or yaw rate above which the car drives, or turns.
 DRIVING_SHARE = 0.3
 TURNING_SHARE = 0.3
@@ -40,6 +42,17 @@ MAX_CLOCK_OFFSET = 2.0
 MIN_CLOCK_OFFSET = 0.06
 # s by which a car may follow its steering or throttle.
 MAX_RESPONSE_TIME = 0.6
+# Correlation of a horizontal axis of the accelerometer with the lateral acceleration from which on
+# it is the lateral axis, if the other one is below MIN_CORRELATION.
+MIN_TURNED_CORRELATION = 0.8
+# s of steady driving with a speed loop, and relative changes of command and speed in that time.
+STEADY_TIME = 0.3
+MAX_COMMAND_CHANGE = 0.15
+MAX_SPEED_CHANGE = 0.2
+# Relative distance from the highest steady speed within which speeds are that one, and ratio of the
+# 90 % and 10 % quantiles of its commands above which the controller limits the speed.
+MAX_TOP_CHANGE = 0.03
+MIN_COMMANDED_RATIO = 1.15
 # Length of the mean direction of an angle (1: all alike), above which it is a constant.
 MIN_CONCENTRATION = 0.8
 # rad: a larger constant angle between yaw and direction of travel is a turned axis.
@@ -55,7 +68,8 @@ class ImportFinding:
 
     what: the compared stream. text: what was found. remedy: change of the map that removes a
     contradiction; empty if the sources agree. severe: no car can have it. change: the remedy as
-    (stream, key, attribute, value); attribute "exchange" swaps two keys.
+    (stream, key, attribute, value); attribute "exchange" swaps two keys, "turn" as well and
+    reverses ``key``.
     """
 
     what: str
@@ -89,7 +103,8 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     1. The yaw angle with the direction of travel: axes, sign, unit, offset.
     2. The gyro with the yaw rate of the poses, the encoder with their speed, the accelerometer
        with yaw rate times speed: sign, unit, scale, clock.
-    3. The steering with the curvature of the path, the throttle with the speed: sign.
+    3. The steering with the curvature of the path, the throttle with the speed: sign; of a speed
+       loop, scale and limit, too.
 
     Poses that contradict themselves are reported alone: nothing can be compared with them.
     """
@@ -103,9 +118,11 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     speed = "pose_speed" if g.has("pose_speed") else "speed"
     if g.has(rate, speed, "accel_y"):
         lateral = GridData(g.t, {**g.values, "lateral": g[rate] * g[speed]})
-        findings += _compare(lateral, "accelerometer", "accel_y", "lateral",
-                             "yaw rate times speed", key="y")
+        findings += _check_axes(lateral) or _compare(lateral, "accelerometer", "accel_y", "lateral",
+                                                     "yaw rate times speed", key="y")
     findings += _check_commands(g, rate, speed)
+    if data.drive == "speed":
+        findings += _check_speed_command(g)
     return findings
 
 
@@ -248,6 +265,59 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
                                 f"[{table}] needs delay = {offset:.2f}, if it is the clock"))
     return findings or [ImportFinding(table, f"{key} is {ratio:.2f} times {words}, "
                                 f"{1e3 * offset:+.0f} ms later (correlation {found:.2f})")]
+
+
+def _check_axes(g: GridData) -> list[ImportFinding]:
+    """Find an accelerometer that is mounted a quarter turn away, z up."""
+    if not np.any(g["accel_x"]) or not np.any(g["accel_y"]):
+        return []
+    forward, left = (_best_offset(g[name], g["lateral"], MAX_CLOCK_OFFSET)[1]
+                     for name in ("accel_x", "accel_y"))
+    if abs(forward) < MIN_TURNED_CORRELATION or abs(left) >= MIN_CORRELATION:
+        return []
+    # x to the left has y to the rear; x to the right has y forward.
+    reversed_key = "x" if forward > 0.0 else "y"
+    return [ImportFinding(
+        "accelerometer", f"x follows yaw rate times speed (correlation {forward:.2f}), y does not "
+        f"({left:.2f})", f"exchange the columns x and y of [accelerometer]; {reversed_key} then "
+        "needs sign = -1", severe=True, change=("accelerometer", reversed_key, "turn", 0.0))]
+
+
+def _check_speed_command(g: GridData) -> list[ImportFinding]:
+    """Compare a commanded speed with the speed of steady driving: scale, and limit."""
+    speed = next((g[name] for name in ("speed", "pose_speed") if np.any(np.nan_to_num(g[name]))),
+                 None)
+    if speed is None:
+        return []
+    command = np.abs(g["throttle"])
+    speed = np.abs(speed)
+    use = (command > 0.0) & (speed > 0.0) & _is_large(speed, DRIVING_SHARE)
+    use &= _range(command) < MAX_COMMAND_CHANGE * command
+    use &= _range(speed) < MAX_SPEED_CHANGE * speed
+    if use.sum() < MIN_STEADY_SAMPLES:
+        return [ImportFinding("throttle", "no steady driving to compare speed and command")]
+    top = float(np.quantile(speed[use], 0.9))
+    at_top = use & (np.abs(speed / top - 1.0) < MAX_TOP_CHANGE)
+    low, high = np.quantile(command[at_top], (0.1, 0.9))
+    if high > MIN_COMMANDED_RATIO * low:
+        return [ImportFinding(
+            "throttle", f"the speed is {top:.2f} m/s for commands of {low:.2f} to {high:.2f} m/s",
+            f"[throttle] needs limit = {top:.2f}, if the controller limits the speed; commands "
+            "below the limit, or another recording, show the scale")]
+    ratio = float(np.median(speed[use] / command[use]))
+    text = f"in steady driving the speed is {ratio:.2f} times the command"
+    if 1.0 / MAX_SCALE_ERROR < ratio < MAX_SCALE_ERROR:
+        return [ImportFinding("throttle", text)]
+    return [ImportFinding("throttle", text, "multiply the scale of value of [throttle] by "
+                          f"{ratio:.3g}, if it is no tyre that slips")]
+
+
+def _range(values: FloatArray) -> FloatArray:
+    """Return largest minus smallest value (n,) of the STEADY_TIME up to each sample."""
+    size = round(STEADY_TIME / GRID_STEP)
+    origin = (size - 1) // 2
+    return np.asarray(maximum_filter1d(values, size, origin=origin)
+                      - minimum_filter1d(values, size, origin=origin))
 
 
 def _check_commands(g: GridData, rate: str, speed: str) -> list[ImportFinding]:

@@ -93,6 +93,8 @@ def _read_throttle(mapping: ImportMap, read: ReadStream) -> Stream:
     values = stream.values[:, :1] if m.full_scale is None else stream.values[:, :1] / m.full_scale
     if m.kind != "speed":
         _check_commands("throttle", values, m.kind)
+    if m.limit is not None:
+        values = np.clip(values, -m.limit, m.limit)
     if m.gate:
         values = np.where(stream.values[:, 1:] != 0.0, values, 0.0)
     return Stream(stream.t, values)

@@ -380,6 +380,9 @@ def _change(proposal: Proposal, change: Change) -> None:
     if attribute == "exchange":
         columns[key], columns[str(value)] = columns[str(value)], columns[key]
         return
+    if attribute == "turn":
+        columns["x"], columns["y"] = columns["y"], columns["x"]
+        attribute = "sign"
     column = columns[key]
     if attribute == "sign":
         value = -column.sign

@@ -86,15 +86,16 @@ class SteeringColumns(StreamColumns, frozen=True, kw_only=True):
 class ThrottleColumns(StreamColumns, frozen=True, kw_only=True):
     """Throttle commands.
 
-    kind "duty": -1..1. kind "speed": speed of a speed loop. kind "pulse": width of the ESC pulse;
-    zero and full_scale [s] are its neutral and its half range. gate: column that is 0 where the
-    command does not reach the motor.
+    kind "duty": -1..1. kind "speed": speed of a speed loop; limit [m/s]: largest speed that the
+    controller admits. kind "pulse": width of the ESC pulse; zero and full_scale [s] are its neutral
+    and its half range. gate: column that is 0 where the command does not reach the motor.
     """
 
     value: str | Column
     kind: Literal["duty", "speed", "pulse"] = "duty"
     full_scale: float | None = None
     gate: str | None = None
+    limit: float | None = None
 
 
 class EncoderColumns(StreamColumns, frozen=True, kw_only=True):
@@ -175,6 +176,13 @@ def parse_map(text: str, origin: str) -> ImportMap:
                 f"{origin}: {name}.full_scale is missing for kind {stream.kind!r}", read=origin,
                 found=repr(full), expected="the value [rad or s] of the command 1, above 0",
                 remedy="the largest steering angle of the car, or half the range of the pulses")
+    limit = made.throttle.limit
+    if limit is not None and (made.throttle.kind != "speed" or limit <= 0.0):
+        raise ConfigError(
+            f"{origin}: throttle.limit has no meaning here", read=origin,
+            found=f"limit = {limit!r}, kind = {made.throttle.kind!r}",
+            expected='a speed [m/s] above 0, with kind "speed"',
+            remedy='delete limit, or write kind = "speed" into [throttle]')
     return made
 
 

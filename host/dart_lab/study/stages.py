@@ -32,9 +32,11 @@ from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.report.explain import describe_cause
+from dart_lab.diagnosis.report.next_drive import NOTHING_TO_SUGGEST
 from dart_lab.diagnosis.report.summary import headline, summary_lines
 from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 from dart_lab.diagnosis.write import write_model
+from dart_lab.identification.drive_form import with_drive_of
 from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.outcome import identify_jointly, identify_per_recording
 from dart_lab.identification.shooting.identifiability import predict_identifiability
@@ -193,12 +195,17 @@ def _select_usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording
     return split_recordings(good)
 
 
+def _start_model(study: Study, train: Sequence[Recording]) -> ModelFile:
+    """Return the start model with the motor form of the recordings."""
+    return with_drive_of(study.start, train, SECTIONS)
+
+
 def _predict(study: Study, progress: Progress | None) -> StageResult:
     """Predict which parameters the training recordings determine."""
     train, _ = _select_usable(study)
     if train[0].mocap is None:
         return StageResult("identifiability", "without poses it is known only after the fit")
-    found = predict_identifiability(train, vehicle_of(study.start))
+    found = predict_identifiability(train, vehicle_of(_start_model(study, train)))
     rows = [("parameter", "start value", "predicted error", "unit", "determined")]
     rows += [(i.name, f"{i.value:.3g}", f"{i.std:.2g}", i.unit, "yes" if i.determined else "no")
              for i in found]
@@ -248,10 +255,10 @@ def _load_fitted_model(study: Study) -> ModelFile:
 
 def _validate(study: Study, progress: Progress | None) -> StageResult:
     """Compare start model and fitted model on the test recordings."""
-    _, test = _select_usable(study)
+    train, test = _select_usable(study)
     if test[0].mocap is None:
         return StageResult("validation", "without poses the diagnosis alone compares predictions")
-    models = {"start": study.start, "fitted": _load_fitted_model(study)}
+    models = {"start": _start_model(study, train), "fitted": _load_fitted_model(study)}
     results = {name: evaluate(vehicle_of(model), test, limit=False)
                for name, model in models.items()}
     key = f"{HORIZON:.1f}"
@@ -307,10 +314,12 @@ def _suggest(study: Study, progress: Progress | None) -> StageResult:
         raise UsageError("there is no diagnosis yet", found=f"no result in {study.folder}",
                          expected="the result of the stage diagnosis",
                          remedy="run it: --stage diagnosis")
-    sentences = tuple(diagnosis.facts["next_drives"])
-    if not sentences:
-        return StageResult("next", "no other drive would sharpen this result")
-    return StageResult("next", sentences[0], sentences[1:], (), {"drives": list(sentences)})
+    sentences = tuple(diagnosis.facts["next_drives"]) or (NOTHING_TO_SUGGEST,)
+    # What the fit lacks is worth a drive, whether or not the diagnosis needs one.
+    prediction = load_results(study.folder).get("identifiability")
+    lacks = () if prediction is None else prediction.lines
+    return StageResult("next", sentences[0], (*sentences[1:], *lacks), (),
+                       {"drives": list(diagnosis.facts["next_drives"])})
 
 
 _RUNNERS: Mapping[str, Callable[[Study, Progress | None], StageResult]] = {

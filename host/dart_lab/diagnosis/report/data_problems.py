@@ -11,7 +11,8 @@ SIZES_ASSUMED = "assumed: "
 # Parts of notes that state how the data were used, without a problem.
 NEUTRAL = ("marker frame fitted", "marker frame was fitted", "no test recordings", ", left out",
            "judged by the car's own sensors", "cannot be known from these recordings",
-           "in the training recordings, so their errors cannot be judged")
+           "in the training recordings, so their errors cannot be judged",
+           "not candidates, because the motor has a speed loop")
 DEAD_ENCODER = "encoder dead"
 # Remedy by the beginning of a message of the reader of a recording.
 BROKEN = {
