@@ -1,6 +1,6 @@
 """The gallery of the handbook: each program of ``examples/`` with its sentence and a picture.
 
-    python docs/gallery.py                 # writes docs/gallery.md from the programs' own words
+    python docs/gallery.py                 # writes docs/gallery.md from the programs' docstrings
     python docs/gallery.py drive_circle    # runs this one and draws its picture anew first
 
 A program that draws is asked for its picture. Of one that drives the way of its cars is drawn, of
@@ -26,8 +26,8 @@ OTHERS = {"tune_on_what_was_found": {"DART_HAL_URL": "sim://?nano=mock&effect=st
 COMMAND = re.compile(r"((?:python|dart-hal drive) examples/\S+)(.*)")
 HEAD = """# Gallery
 
-Programs of `examples/`, each with what it says of itself, its command and its picture, all by
-emulated cars. This page is generated: `python docs/gallery.py`.
+Programs of `examples/` with their commands and pictures, all of emulated cars. This page is
+generated: `python docs/gallery.py`.
 """
 
 

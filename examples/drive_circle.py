@@ -1,4 +1,4 @@
-"""Drive a left circle for ten seconds, then say where the car ended up.
+"""Drive a left circle for ten seconds, then print the position of the car.
 
 The emulated car:  python examples/drive_circle.py
 A real car:        DART_HAL_URL="serial:///dev/ttyUSB0?i2c=1" python examples/drive_circle.py

@@ -1,4 +1,4 @@
-"""Learn to follow a track: 256 cars drive, the best ones tell how the next ones drive.
+"""Learn to follow a track: 256 cars drive, the next ones are drawn around the best ones.
 
 A controller of four numbers on DartCar-v0, found by the cross-entropy method
 (R. Rubinstein, 1999). Needs gymnasium: pip install -e '.[gym]'

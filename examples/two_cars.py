@@ -1,4 +1,4 @@
-"""Two programs, two cars: one drives as the other tells that it does, and stands when it is lost.
+"""Two programs, two cars: one drives while the other reports that it drives, else it stops.
 
 Both at once:      python examples/two_cars.py
 In two terminals:  python examples/two_cars.py lead

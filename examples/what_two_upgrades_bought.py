@@ -1,4 +1,4 @@
-"""What a better servo and a LiPo battery bought, told from a minute of driving before and after.
+"""Measure the effect of a better servo and a LiPo battery by a minute of driving with each.
 
 The authors of DART replaced the kit's servo, for a steadier steering angle,
 and fed servo and motor from a LiPo battery, for a steadier acceleration. They

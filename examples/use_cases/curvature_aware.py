@@ -1,4 +1,4 @@
-"""Curvature-aware contouring control beside the plain one: what knowing the bend is worth.
+"""Compare curvature-aware contouring control with the plain one on the same track.
 
 One emulated car with hidden lags, which `diagnose` names from two recorded drives. By the model so
 extended four controllers drive a lap of the 22.92 m track: MPCC and CA-MPCC, each by the published

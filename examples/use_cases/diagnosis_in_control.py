@@ -1,4 +1,4 @@
-"""What a diagnosis is worth in control: one controller, one car, three models of it.
+"""Measure the benefit of a diagnosis in control: one controller, one car, three models of it.
 
 The emulated car has a lag of its steering and one of its throttle that its model does not know. Two
 recorded drives show them and `diagnose` names both: steps of the steering, and eights under steps
