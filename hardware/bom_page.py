@@ -125,8 +125,8 @@ def _today(row: Row) -> str:
 
 
 def _tools(tools: list[Tool]) -> str:
-    lines = ["## Tools\n", f"Not in the sums. Who owns none buys for about "
-             f"{sum(t.price for t in tools if not t.optional)} EUR [assumed]; options need "
+    lines = ["## Tools\n", "Not in the sums. A complete set costs about "
+             f"{sum(t.price for t in tools if not t.optional)} EUR [assumed], the tools of options "
              f"{sum(t.price for t in tools if t.optional)} EUR more.\n",
              f"| id | tool | EUR | for {CARS} cars | note |", "|---|---|---:|---:|---|"]
     lines += [f"| `{t.id}` | {t.tool}{' (options)' if t.optional else ''} | {t.price or ''} "
@@ -137,36 +137,41 @@ def _tools(tools: list[Tool]) -> str:
 HEAD = """\
 # Bill of materials
 
-Generated from `hardware/bom.csv` by `python hardware/bom.py`; change the table there. Prices of
-the tier `paper` are those of the paper (2024). All others are **assumed**, rounded, without
-postage: whoever orders corrects them in the file. *in `kit`* and the like mean that another row
-pays for the part. The column *EUR 2026* waits for you: the price of all units of a row and the day
-on which somebody asked (`price_2026_eur` per unit, and `priced_on`, in the file); an empty cell
-means that nobody has. Steps are those of the [build guide](../build_guide/01_parts.md).
+Parts, prices and tools of the car. `python hardware/bom.py` generates this page from
+`hardware/bom.csv`; change the table there.
+
+| what | meaning |
+|---|---|
+| prices of the tier `paper` | those of the paper (2024) |
+| all other prices | **assumed**, rounded, without postage: correct them when you order |
+| *in `kit`* and the like | another row pays for the part |
+| *EUR 2026* | price of all units of a row and the day of the quote (`price_2026_eur` per unit, \
+and `priced_on`, in the file); empty: no quote yet |
+| step | of the [build guide](../build_guide/01_parts.md) |
 """
 
 COMPUTERS = """\
 The kit's computer, the Jetson Nano, is near the end of its sale and stays at JetPack 4. The other
-two routes buy the kit without computer, a computer, and a regulator for it, and solder nothing:
-steps W12 and W13 of [the wiring](../build_guide/06_wiring.md#options). A laptop with `usb_i2c` does
-for the desk. Prices of kit, computers and regulators are assumed.
+two routes buy the kit without computer, a computer, and a regulator for it. They solder nothing:
+steps W12 and W13 of [the wiring](../build_guide/06_wiring.md#options). On the desk a laptop with
+`usb_i2c` is enough. Prices of kit, computers and regulators are assumed.
 """
 
 CLASS = """\
 The complete car with the kit's computer, twenty times, and what breaks in a class [assumed: count
-what you lose and correct `spares_20`]. Tools for twenty cars stand in the last table.
+your losses and correct `spares_20`]. The last table has the tools for twenty cars.
 """
 
 SMALLEST = """\
 *Smallest car that runs*: kit, striped ring with its infrared sensor, IMU, Nano, base plate, cells.
-Stock servo, motor fed by the cells of the board, no lidar, no camera bracket. It calibrates, drives
-and records; everything else can be added later. The row `plates` counts in full although this car
-carries only one of the three.
+It has the stock servo, a motor fed by the cells of the board, no lidar and no camera bracket. It
+calibrates, drives and records; everything else can be added later. The row `plates` counts in full
+although this car has only one of the three.
 """
 
 UPSTREAM = """\
 Upstream is the published design (Lorenzo-Lyons/DART, build instructions), counted per car. Its Hall
 holder is named in the text but is in no published file: the `+ 1`. Its instructions solder nothing,
-and neither does this car without options; the IMU named there (Adafruit 2472) comes with loose
-pins, four joints [assumed: look at yours], which is why `imu` here asks for one with a plug.
+and neither does this car without options. The IMU named there (Adafruit 2472) comes with loose
+pins, four joints [assumed: look at yours]; so the row `imu` is one with a plug.
 """
