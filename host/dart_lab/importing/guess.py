@@ -381,7 +381,7 @@ def _change(proposal: Proposal, change: Change) -> None:
         columns[key], columns[str(value)] = columns[str(value)], columns[key]
         return
     if attribute == "turn":
-        columns["x"], columns["y"] = columns["y"], columns["x"]
+        columns |= {"x": columns["y"], "y": columns["x"]}
         attribute = "sign"
     column = columns[key]
     if attribute == "sign":
