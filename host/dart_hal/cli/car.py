@@ -74,6 +74,7 @@ def command() -> None:
 def size_options(command: CommandT) -> CommandT:
     """Add an option for each size of a car."""
     for key, text in reversed(SIZE_HELP.items()):
+        # The last decorator is the first option of the help: hence the reversed order.
         command = click.option(f"--{key.replace('_', '-')}", type=MEASURED_NUMBER, default=None,
                                metavar="VALUE+-STD", help=text)(command)
     return command
@@ -107,6 +108,7 @@ def _complete(given: Mapping[str, Quantity]) -> MeasuredSizes:
     wheelbase = given.get("wheelbase") or _ask("--wheelbase", "wheelbase, axle to axle [m]")
     mass, distance = _weigh(given, wheelbase)
     _check_inside(wheelbase, distance)
+    # Standard errors of the sizes propagate into the estimate, so it is made last.
     inertia = given.get("yaw_inertia")
     if inertia is None and "wheelbase" not in given:  # a guided description, not a script
         inertia = _ask_optional("yaw inertia [kg m2]; Enter: estimate it")
@@ -141,6 +143,7 @@ def _weigh(given: Mapping[str, Quantity], wheelbase: Quantity
 
 def _check_choice(given: Mapping[str, Quantity]) -> None:
     """Raise UsageError unless the centre of mass is given in one way at most."""
+    # More than one way would give two values for one distance.
     named = [key for key in ("front_load", "rear_load", "l_f", "l_r") if key in given]
     if named not in ([], ["front_load", "rear_load"], ["l_f"], ["l_r"]):
         raise UsageError("the centre of mass needs both axle loads, or one distance",

@@ -48,6 +48,7 @@ def command(url: str | None, car_name: str, cars: Path | None, seconds: float,
 
 def is_ready(checks: list[DoctorCheck], verdict: str) -> bool:
     """Return whether the car would drive."""
+    # A warning does not prevent driving, unless arm() would refuse.
     arms = any(c.id == "arming" and c.verdict == "ok" for c in checks)
     return verdict == "ok" or (verdict == "warn" and arms)
 

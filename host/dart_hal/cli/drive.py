@@ -124,6 +124,7 @@ def load_control(path: Path) -> Control:
 def list_bound_names(source: str | bytes) -> list[str]:
     """List the names that a module binds at its top level. Raises SyntaxError."""
     names: list[str] = []
+    # Statements at the top level that bind a name; the script is not executed for this.
     for node in ast.parse(source).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             names.append(node.name)
@@ -142,6 +143,7 @@ def report_script_errors(path: Path) -> Iterator[None]:
     except DartHalError:
         raise
     except (Exception, SystemExit) as error:
+        # The innermost frame in the script itself: below it are functions that it called.
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__)
                  if f.filename == str(path)]
         line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
@@ -168,6 +170,7 @@ def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -
 
     Full deflection is the largest steering angle of the car, and ``max_throttle``.
     """
+    # Full deflection of a key or a stick, in the units of ``Car.drive``.
     lock = car.files.config.limits.max_steering
     name = type(source).__name__.lower()
     console.print(KEYBOARD_HELP if name == "keyboard" else "hold the right bumper to drive, B ends")

@@ -66,6 +66,7 @@ def _check_export(kind: str, runs: Sequence[Path], out: Path) -> None:
     if len(runs) > 1 and kind != "lerobot":
         raise UsageError(f"export {kind} takes one recording", found=f"{len(runs)} recordings",
                          expected="one", remedy=f"dart-hal export {kind} {runs[0]} --out {out}")
+    # The same file may have two names, by links or relative paths.
     if any(out.exists() and run.exists() and out.samefile(run) for run in runs):
         raise UsageError("the export would replace its recording", found=str(out),
                          expected="another name after --out",
@@ -76,6 +77,7 @@ def _check_export(kind: str, runs: Sequence[Path], out: Path) -> None:
     check_writable(out.parent)
     if kind in TABLE_WRITERS and out.is_file():
         show_notices((f"{out} is replaced",))
+    # A table is quickly made again and may be replaced; bags and data sets may not.
     if out.is_dir() if kind in TABLE_WRITERS else out.exists():
         raise UsageError(f"{out} exists already", expected="a path that does not exist",
                          remedy=f"mv {out} {out}.old")
@@ -93,6 +95,7 @@ def _write_table(write: Callable[..., None], run: Path, out: Path) -> tuple[Fact
 def _describe_omitted(run: RunReader, *, images: bool = True) -> tuple[str, ...]:
     """Return a notice about recorded data that the export omits; images: it omits images too."""
     kinds = [("images of the camera", run.images)] if images else []
+    # The first message shows that there are any: the others need not be read.
     omitted = [name for name, messages in (*kinds, ("scans of the lidar", run.scans))
                if next(messages(), None) is not None]
     return (f"{run.path}: {' and '.join(omitted)} are not exported; export ros2 and ros1 keep them",

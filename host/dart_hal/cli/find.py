@@ -75,6 +75,8 @@ def _probe_port(port: SerialPortInfo) -> dict[str, Any] | None:
 
 def _choose_bus(buses: Sequence[I2cBusInfo], here: Computer | None) -> int | None:
     """Return the bus at the header, of a USB-I2C bridge, or the only one; None if ambiguous."""
+    # 1. A known computer has its bus at the header. 2. Else the only bridge. 3. Else the only bus.
+    #    No guess among several: commands would go to another device.
     if here is not None:
         return here.bus if here.bus in {bus.number for bus in buses} else None
     bridges = [bus for bus in buses if bus.name.startswith(BRIDGES)]

@@ -60,6 +60,7 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
         raise PortMissing(f"there is no port {device}", found=_describe_ports())
     if not is_port(device):
         raise PortMissing(f"{device} is no serial port", found=_describe_ports())
+    # A second program on the port would mix its bytes with those of the bootloader.
     for pid, name in holders(device):
         raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",
                           remedy="close that program, then flash again")
@@ -192,6 +193,7 @@ def _bootloader_error(port: str, baud: int, report: str) -> FlashFailed:
     """Return the error for a bootloader that answered at ``baud``."""
     chip = find_chip(report)
     cause = f"at {baud} baud: {find_cause(report)}"
+    # avrdude names another chip by its signature, or complains about the expected one.
     if (chip and chip != CHIP) or "expected signature" in report.lower():
         return FlashFailed(f"the chip behind {port} is not an {CHIP}; nothing was written",
                            found=f"{chip or 'another chip'} ({cause})",

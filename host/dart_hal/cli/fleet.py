@@ -51,6 +51,7 @@ def command(context: click.Context, rooms: tuple[str, ...], room_key: Path | Non
     watched car driving and send wrong poses. No computer can arm or drive a car through the room.
     """
     if context.invoked_subcommand is not None:
+        # click gives options before a subcommand to the group, where they would have no effect.
         if rooms or room_key is not None:
             raise UsageError("--room and --room-key must follow the verb",
                              found=" ".join((*rooms, *([str(room_key)] if room_key else []))),
@@ -87,6 +88,7 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, as_jso
     """
     with ExitStack() as stack:
         stations = _enter_rooms(rooms, room_key, stack)
+        # 1. Send the stop in all rooms. 2. Repeat it until all known cars have answered.
         calls = [station.call_stop(why, MIN_STOP_TIME_S) for station in stations]
         # sum, not any: the stop must be sent in every room, also while the first has no answer.
         while sum(not station.press() for station in stations):
@@ -94,6 +96,7 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, as_jso
         ignored = _list_ignored(stations)
         show_notices(_format_ignored(stations))
     silent = sorted(set().union(*(call.silent for call in calls)))
+    # A car of several rooms, or two programs with one name, count once; any silence wins.
     answered = sorted(set().union(*(call.confirmed_cars for call in calls)) - set(silent))
     if as_json:
         print_json({"stopped": answered, "silent": silent, **ignored})
@@ -169,6 +172,7 @@ def _enter_rooms(rooms: tuple[str, ...], room_key: Path | None, stack: ExitStack
     key = find_key(room_key)
     urls = list_rooms(rooms)
     if not urls:
+        # Several members announce the same room.
         urls = tuple(dict.fromkeys(discover_rooms(MDNS_WAIT_S).values()))
         if not urls:
             raise UsageError("no fleet room: none is named, none is announced by mDNS",

@@ -159,11 +159,13 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
         raise UsageError(f"{car.url} has no actuators", expected="a car with its I2C bus",
                          remedy="sim://, or serial:///dev/ttyUSB0?i2c=1")
     plant = plant_of(car.files)
+    # The lower one of the requested speed and that of the car.
     max_speed = car.files.config.limits.max_speed
     cap = min(speed, max_speed)
     if half_width is not None:
         track = raceline(track, half_width, plant, cap)
     follower = Follower(track, plant, cap, tracker, rules, max_speed)
+    # Planners end their search after a budget of time on this clock.
     follower.clock = lambda: car.now
     follower.silent = lambda: car.has_lidar and car.lidar.located
     slowest = int(np.argmin(follower.profile.speed[1:])) + 1
@@ -195,6 +197,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
                 return
             if follower.phase is Phase.WAITING:
                 continue
+            # Arming takes seconds, in which this command gets old: drive from the next state on.
             if not armed:
                 armed = True
                 console.print(describe_start(follower), markup=False, highlight=False)
@@ -213,6 +216,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
 
 def estimate_motion(car: Car, state: State, rules: Rules) -> MotionEstimate:
     """Return the motion of the car now: in the frame of the poses, or by dead reckoning."""
+    # Without external poses the estimate is the dead reckoning of wheels and gyro.
     state = replace(state, external=None) if rules.odometry else state
     return state.estimate.predict(car.now)
 
@@ -244,6 +248,7 @@ def apply_keys(keys: Terminal | None, follower: Follower | LaneFollower) -> None
         if key == "q":
             follower.stop("ended by the keyboard")
         elif key in "+-":
+            # Relative to the fastest speed of the profile: a limit above it would have no effect.
             step = KEY_SPEED_STEP if key == "+" else -KEY_SPEED_STEP
             follower.cap = max(follower.fastest + step, MIN_KEY_SPEED)
 
@@ -256,6 +261,7 @@ def summarise_drive(follower: Follower) -> dict[str, Any]:
     driven = follower.driven.table
     path = follower.path
     tracker = follower.tracker
+    # The approach from the start pose does not count.
     inside = np.abs(driven[:, 3])[follower.joined:] if len(driven) else np.zeros(0)
     return {
         "ended": follower.why, "as_asked": follower.good, "length_m": path.length,

@@ -88,6 +88,8 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
         for state in car.states():
             scans = car.lidar.scans()
             steering, speed = follower.answer(car.now, state.speed, scans)
+            # Upside down, left and right of the lane are exchanged: the car would steer into a
+            # board.
             if scans and is_mirrored(car):
                 follower.stop("the scans turn against the gyro: check inverted in [lidar]",
                               good=False)
@@ -95,6 +97,7 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
                 return
             if follower.phase is Phase.WAITING:
                 continue
+            # Arming takes seconds, in which this command gets old: drive from the next state on.
             if not armed:
                 armed = True
                 console.print(follower.describe())
@@ -109,6 +112,7 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
 
 def is_mirrored(car: Car) -> bool:
     """Return whether the lidar is mounted upside down, judged by the turns so far."""
+    # The scan turns against the gyro in every turn of the car if the lidar is upside down.
     health = car.lidar.health
     return health is not None and health.sense is not None and health.sense < MIN_ROTATION_SENSE
 

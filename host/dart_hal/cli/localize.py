@@ -69,6 +69,8 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
                   lidar=lidar) as car:
         show_notices(car.notices)
         if speed and car.drives:
+            # With --speed the drive ends by rules about the pose; a car that is pushed, or a
+            # recording, is localised for --duration.
             ended = WhileLocated(speed, duration)
             drive_until_ended(car, source, ended, steering, waive, poses)
         else:
@@ -76,6 +78,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
                 collect_newest(source, poses)
         car.stop()
         show_sensor_errors(car)
+    # Only the room of the simulation has a true pose; a map of --map is in a frame of its own.
     truth = _true_path(backend, poses) if chart is None else None
     found = {**summarise_poses(poses, truth), "ended": ended and ended.why}
     if plot:
@@ -104,6 +107,8 @@ def drive_until_ended(car: Car, source: LidarPoses, ended: WhileLocated, steerin
         for state in car.states():
             collect_newest(source, poses)
             if poses and poses[-1].pose is not None:
+                # By arrival: the controller has to stop when poses stop coming, whatever their
+                # delay.
                 last_pose_t = poses[-1].arrival
             speed = ended.answer(state.estimate.predict(car.now), last_pose_t)
             if ended.phase is Phase.ENDED:
@@ -139,6 +144,7 @@ def summarise_poses(poses: list[Located], truth: FloatArray | None) -> dict[str,
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)
              if located.pose is not None] if truth is not None else []
     if pairs:
+        # The yaw error is wrapped to +-pi: a full turn is no error.
         error = np.array([(pose.x - x, pose.y - y, remainder(pose.yaw - yaw, tau))
                           for pose, (x, y, yaw) in pairs])
         distance = np.hypot(error[:, 0], error[:, 1])

@@ -138,14 +138,17 @@ def main(args: list[str] | None = None) -> None:
     Exit status: 0 done, 1 negative result, 2 usage or input error, 130 Ctrl-C.
     """
     argv = sys.argv[1:] if args is None else args
+    # Read here as well: an error of the command line itself has to be JSON, too.
     as_json = "--json" in argv
     verb = next((word for word in argv if not word.startswith("-")), "")
     logger = logging.getLogger("dart_hal")
+    # ``main`` may run several times in one process, as in tests: one handler, of this verb.
     logger.handlers = [h for h in logger.handlers if not isinstance(h, NoticeHandler)]
     logger.addHandler(NoticeHandler(verb))
     try:
         sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
     except DartHalError as error:
+        # The general remedy of a usage error is made specific.
         if verb and error.remedy == UsageError.remedy_default:
             error.remedy = f"dart-hal {verb} --help"
         _exit_with_error(error, as_json)
@@ -197,6 +200,7 @@ def _exit_with_usage_error(error: click.ClickException, argv: list[str], as_json
 
 def _missing_package_error(error: ModuleNotFoundError) -> DartHalError:
     """Return the error for a package that an optional part of a verb imports."""
+    # A missing module of DART-HAL itself is a mistake here; any other one is an extra.
     package = (error.name or "").partition(".")[0]
     if package in ("", "dart_hal"):
         return _internal_error(error)

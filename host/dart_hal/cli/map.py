@@ -88,6 +88,7 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
     good = True
     if run is None:
         run = record or out.with_suffix(".mcap")
+        # 1. Drive, by hand or along the walls; everything is recorded.
         manual = Keyboard() if keyboard else Gamepad() if gamepad else None
         try:
             with open_car(url, car_name, cars, run, lidar=lidar) as car:
@@ -108,10 +109,13 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
         except (Disarmed, LinkLost) as why:
             ended, good = why.what, False
             console.print(str(why), style="red", markup=False, highlight=False)
+    # 2. Map the recording: an aborted drive and --run FILE give a map in the same way.
     survey, warnings = build_survey(run, car_name, cars)
     show_notices(warnings)
     grid = grid_of(survey, cell)
     image = write_grid(grid, out)
+    # 3. Compare the map with its own scans: a wrong loop closure leaves walls that the scans
+    #    contradict.
     found = summarise_map(survey, grid) | {"ended": ended, "as_asked": good, "files": {
         "map": str(out), "image": str(image), "recording": str(run)}}
     if plot:
@@ -147,6 +151,8 @@ def build_survey(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, t
             previous = pose
             mapper.update_odometry(state.t, pose.x, pose.y, pose.yaw)
             for scan in car.lidar.scans():
+                # Raises as soon as the scans turn against the gyro: a mirrored map would be of no
+                # use.
                 checks.add(scan, pose.yaw)
                 mapper.add(scan)
             if n % 20 == 0:
@@ -167,12 +173,14 @@ def summarise_map(survey: Survey, grid: Grid) -> dict[str, Any]:
     50 keyframes.
     """
     chart = map_of_grid(grid)
+    # About 50 keyframes over the whole drive are enough for a mean.
     step = max(len(survey.frames) // 50, 1)
     explained = [agreement(chart, np.append(pose, 0.0), frame.own.points, frame.own.rays,
                            frame.own.origin).share
                  for frame, pose in zip(survey.frames[::step], survey.poses[::step], strict=True)]
     path = survey.path()
     row, column = np.nonzero(grid.occupied)
+    # ``survey.closures`` are those that the solution uses; it rejects those that contradict it.
     proposed = sum(edge.is_closure for edge in survey.edges)
     return {
         "way_m": survey.frames[-1].travel, "duration_s": float(path[-1, 0] - path[0, 0]),

@@ -29,6 +29,7 @@ def command(recording: Path, csv: Path | None, as_json: bool) -> None:
         with open_writer(csv) if csv else nullcontext() as writer:
             if writer is not None:
                 car.on_state(writer.state)
+            # States reach the summary and the file by callbacks.
             for _ in car.states():
                 pass
         result = summary.as_json(files)

@@ -39,9 +39,12 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
     notify("READY=1")
     end = elapsed() + (duration or inf)
     while (now := elapsed()) < end:
+        # Resolved in each round: a Nano that is plugged in again may get another name.
         port = port_of(address)
         post.step(holder(port) if port else None, now)
         notify("WATCHDOG=1")
+        # Neutral is written frame by frame. A slower poll is enough if nothing is to be written,
+        # and after a bus error.
         time.sleep(PWM_FRAME if post.watch.owed and post.error is None else POLL_INTERVAL)
     if as_json:
         print_json({"url": address.text, "departures": post.departures})
@@ -62,6 +65,7 @@ class StandbyService:
 
     def step(self, driver: int | None, now: float) -> None:
         """Enter the pid of the program that drives [or None], and write neutral if it is due."""
+        # A pid that disappears is a program that ended, perhaps killed: the pulses are its last.
         previous = self.watch.driver
         self.watch.note_driver(driver)
         if previous is not None and driver is None:

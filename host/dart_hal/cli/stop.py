@@ -33,6 +33,7 @@ def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) ->
     address = require_real_car(url)
     throttle, bus = open_throttle(address, car_name, cars)
     port = port_of(address)
+    # Read again in each step: the driver may end on its own, or another may begin.
     outcome = stop(throttle, lambda: holder(port) if port else None, time.sleep)
     close = getattr(bus, "close", None)
     if close is not None:
@@ -75,6 +76,7 @@ def open_throttle(address: Url, car_name: str, cars: Path | None) -> tuple[Throt
     Raises ConfigError, BusError, UsageError, PcaClaimed.
     """
     files = load_car(car_name, [cars] if cars else None)
+    # The bus of the URL, else that of car.toml.
     spec = address.options.get("i2c", str(files.config.pwm.bus))
     bus = open_bus(spec)
     refuse_claimed(spec, files.config.pwm.address)

@@ -35,6 +35,7 @@ def ask_number(question: str) -> float:
         raise CalibrationFailed("a measurement by hand is missing", found="no terminal",
                                 expected=question, remedy="run it in a terminal")
     while True:
+        # float() accepts nan and inf, which no measurement gives.
         value: float = click.prompt(question, type=float, err=True)
         if math.isfinite(value):
             return value

@@ -49,11 +49,15 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     url = url or DEFAULT_URL
     found: dict[str, Result] = {}
     with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
+        # 1. What this car can measure, and what of it is due. Steps that the floor is too small for
+        #    raise here, before anything moves.
         steps = order.make_steps(files, floor, skip, poses, room)
         measured = calibration_in(files.folder, files.config.name, files.config)
         left = steps if again else order.due(steps, measured)
         announce(steps, left)
         for step in left:
+            # 2. One step after the other, each with a new connection to the car: it then reads the
+            #    calibration that the step before has written.
             result = _measure_step(step, url, car_name, home, yes, dry_run, as_json, lidar)
             if result is not None:
                 found[step.verb] = result
@@ -80,6 +84,8 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path
         yield files, files.folder.parent, poses, room
         return
     with tempfile.TemporaryDirectory() as folder:
+        # A dry run writes, too, but into a copy of the files: each step needs the results of those
+        # before it.
         mine = Path(folder) / files.config.name
         mine.mkdir()
         for name in ("car.toml", "calibration.toml", "model.toml"):
@@ -106,6 +112,7 @@ def _measure_step(step: order.ProcedureStep, url: str, car_name: str, home: Path
     try:
         found, files = run(step.run, backend, car_name, home, yes, lidar)
     except CalibrationFailed as error:
+        # Later steps use the result of this one, unless it is optional.
         if not step.optional:
             console.print("what was measured before this is written: once it is repaired, the same "
                           "command goes on here")
@@ -118,6 +125,7 @@ def _measure_step(step: order.ProcedureStep, url: str, car_name: str, home: Path
         raise CalibrationFailed(f"{step.verb} is not to be written, and what follows needs it",
                                 remedy=f"dart-hal calibrate all --skip {step.verb}")
     written = write(files, found)
+    # The copy of a dry run is deleted: no path of it is reported.
     return replace(written, written=None) if dry_run else written
 
 

@@ -95,6 +95,7 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
         checks.append(_check_of_error("bus" if isinstance(error, BusError) else "port", error))
         return checks + _list_skipped(checks)
     checks.append(_make_check("port", True, f"{url} is open"))
+    # A faulty sensor is one failed check: the car is checked without it.
     pose_source = _open_source("poses", lambda: open_poses(poses or ""), backend, checks
                                ) if poses else None
     image_source = _open_source("camera", lambda: open_named_camera(backend, camera or ""), backend,
@@ -106,6 +107,7 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
                 source.close()
         return checks + _list_skipped(checks)
     try:
+        # All checks of the stream use the same seconds, so the doctor listens only once.
         states = list(car.states(duration=seconds, timeout=1.0))
         checks += _check_stream(car, states)
         checks += _check_files(car, cars)
@@ -117,6 +119,7 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
             checks.append(_check_camera(car))
         checks += [_check_arming(car), _check_cautions(car, cars)]
     except DartHalError as error:
+        # A fault in between is one of the stream; checks that were not reached are skipped.
         checks.append(_check_of_error("rate", error))
     finally:
         car.close()
@@ -156,6 +159,7 @@ def _open_car(backend: Backend, url: str, car_name: str, cars: Path | None,
         checks.append(_check_of_error("hello", error))
         return None
     if backend.bus is not None:
+        # Send neutral first, so that the report states a pulse that the pins have now.
         applied = car.stop()
         pulse = (f"throttle at {applied.throttle_us:.1f} us" if applied.throttle_us
                  else "no pulse before the Nano's first message")
@@ -165,6 +169,7 @@ def _open_car(backend: Backend, url: str, car_name: str, cars: Path | None,
 
 def check_missing_bus(url: str) -> DoctorCheck:
     """Return the check of a URL without an I2C bus."""
+    # The bus is an option of the URL of a real car; other backends have none to name.
     remedy = f"--url '{url}{'&' if '?' in url else '?'}i2c=1'"
     if not url.startswith(("serial:", "hwgrep:")):
         remedy = "nothing to do: this backend has no actuators"
@@ -236,6 +241,8 @@ def _check_imu(states: list[State]) -> DoctorCheck:
     if last.yaw_rate is None:
         return _make_check("imu", False, "no valid sample", expected="a sample each 10 ms",
                            cause="still starting", remedy="run doctor again")
+    # At rest both readings are offsets only. The mean averages the noise of the gyro out; a car
+    # that is moved or rotated exceeds the limits.
     rates = [s.yaw_rate for s in states if s.yaw_rate is not None]
     mean_rate = sum(rates) / len(rates)
     acceleration = max(abs(last.accel_x or 0.0), abs(last.accel_y or 0.0))
@@ -247,6 +254,7 @@ def _check_imu(states: list[State]) -> DoctorCheck:
 
 
 def _check_encoder(states: list[State]) -> DoctorCheck:
+    # Edges without a speed are flicker: the sensor is at the border of a mark.
     edges = states[-1].ticks - states[0].ticks
     return _make_check("encoder", edges == 0 or abs(states[-1].speed) > 0.05,
                        f"{edges} edges while listening ({states[-1].ticks} since boot); "
@@ -259,6 +267,7 @@ def _check_encoder(states: list[State]) -> DoctorCheck:
 def _check_poses(source: PoseSource, states: list[State]) -> DoctorCheck:
     """Check whether external poses arrive, and report the last one."""
     external = [s.external for s in states if s.external is not None]
+    # A pose stays the newest until the next one comes: distinct stamps count the poses.
     stamps = {e.newest.stamp for e in external if e.newest is not None}
     why = str(getattr(source, "why", ""))
     last = external[-1] if external else None
@@ -349,6 +358,7 @@ def _check_arming(car: Car) -> DoctorCheck:
         return _make_check("arming", False, "nothing to arm: commands are not sent", bad="warn",
                            remedy="see I2C above")
     names = car.refusals()
+    # Only what a user may waive is offered; all else has to be fixed.
     waived = "".join(f" --waive {n}" for n in names if BY_NAME[n].waivable)
     remedy = "fix the problems above" + (f", or drive with{waived}" if waived else "")
     return _make_check("arming", not names, "arm() would arm" if not names else

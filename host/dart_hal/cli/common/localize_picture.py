@@ -28,6 +28,7 @@ def draw_localization(chart: Map, poses: list[Located], truth: FloatArray | None
         plan.plot((x1, x2), (y1, y2), color=INK, lw=1.2)
     if truth is not None:
         plan.plot(truth[:, 0], truth[:, 1], color=ORANGE, lw=2.5, label="true")
+    # Scans without a pose are in no line, but in the share that the map explains.
     located = [k for k, pose in enumerate(poses) if pose.pose is not None]
     points = np.array([(p.x, p.y) for k in located if (p := poses[k].pose)]).reshape(-1, 2)
     plan.plot(*points.T, color=BLUE, lw=1.0, label="localised")

@@ -19,6 +19,7 @@ def draw_map(survey: Survey, grid: Grid, file: Path) -> Path:
     rows, columns = grid.occupied.shape
     figure = new_figure((8.0, 8.0 * min(max(rows / columns, 0.4), 1.4)), file)
     axes = figure.add_subplot()
+    # Light grey: not observed; white: free.
     shades = np.full((rows, columns), 0.85)
     shades[grid.free] = 1.0
     x, y = grid.origin

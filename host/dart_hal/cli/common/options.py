@@ -142,6 +142,7 @@ class DiscType(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> Disc:
+        # click also converts default values, which are discs already.
         if isinstance(value, Disc):
             return value
         try:
@@ -168,6 +169,7 @@ class ReferenceType(click.ParamType):  # type: ignore[type-arg]
             lx, theta, ly = (float(part) for part in str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is not LX,THETA,LY (three numbers: m, rad, m)", param, ctx)
+        # Beyond these limits the units are wrong: millimetres, or degrees.
         if not (abs(lx) < 1.0 and abs(theta) < 7.0 and abs(ly) < 1.0):
             self.fail(f"{value!r}: LX and LY are metres (below 1), THETA is radians (below 7)",
                       param, ctx)
@@ -186,6 +188,8 @@ class PathsOption(click.Option):
     def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
         super().add_to_parser(parser, ctx)
         for name in self.opts:
+            # click has no options with a variable number of values: the parser's own option is
+            # changed.
             option = parser._long_opt.get(name) or parser._short_opt.get(name)
             if option is not None:
                 self._make_greedy(option)

@@ -38,6 +38,7 @@ class StandardOutput:
 
     def _stop(self) -> None:
         """Send all further output to nowhere."""
+        # At the level of the file descriptor, so that the flush at exit succeeds, too.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -37,6 +37,7 @@ from dart_hal.devices.links.base import Backend, open_backend
 
 def measuring(command: CommandT, confirm: bool = True) -> CommandT:
     """Add the options that all of these commands have; ``confirm``: before a result is written."""
+    # What --yes agrees to: with ``confirm`` also that the result is written.
     text = ("the floor is free, and what comes out is to be written: do not ask" if confirm else
             "the floor is free: do not ask (for scripts)")
     command = click.option("--dry-run", is_flag=True,
@@ -54,6 +55,7 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
         found: Result
         files: CarFiles | None = None
         if recordings and procedure.fit is not None:
+            # 1. The result: from recordings, or from a drive of this car.
             found = procedure.fit(recordings, car=car_name)
         else:
             backend = open_backend(url or DEFAULT_URL)
@@ -61,10 +63,13 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
             measure = partial(procedure, source=backend.url.text, chart=room, **options)
             found, files = run(measure, backend, car_name, cars, yes, lidar, writes=not dry_run)
         if plot is not None and procedure.plot is not None:
+            # 2. The picture shows the result also if it is not written.
             procedure.plot(found, files, plot)
             console.print(f"picture: {plot}")
         if not as_json:
             show(found)
+        # 3. Written after the user has seen the table. Results of recordings have no car to write
+        #    to.
         if files is not None and not dry_run and not found.unwritten and (
                 not procedure.confirm or may_write(files, yes, backend.workshop is not None)):
             found = write(files, found)
@@ -74,6 +79,8 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
         outcome = found.unwritten or "nothing written" + (": a dry run" if dry_run else "")
         console.print(f"written: {found.written}" if found.written else outcome, markup=False)
 
+    # Options are decorators, and the one that is applied last is listed first in the help: hence
+    # the reversed order.
     command: Callable[..., None] = calibrate
     if procedure.lidar:
         command = map_option(lidar_option(command))
@@ -111,6 +118,8 @@ def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars:
             check_writable(car.files.folder)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)
+            # A simulated car answers for its operator; a real one has a person, whose questions
+            # stop the progress bar.
             workshop: Workshop = backend.workshop or TerminalOperator(bar.stop, bar.start)
 
             def progress(fraction: float, text: str) -> None:
@@ -150,6 +159,7 @@ def show(result: Result) -> None:
         table.add_row(*row)
     results.print(table)
     for line in summary.lines:
+        # Indented lines are notes; those that begin with "caution:" are warnings.
         note = line.startswith("  ")
         style = None if not note else "yellow" if line.startswith("  caution:") else "dim"
         results.print(line, style=style, markup=False, highlight=False)

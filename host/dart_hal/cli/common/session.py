@@ -70,6 +70,7 @@ def show_sensor_errors(car: Car) -> None:
 
 def _open_located_by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
                            poses: str, lidar: str | None, camera: str | None) -> Car:
+    # The simulated room is needed before the car: the source of poses is in its map.
     backend = open_url(url)
     try:
         source = open_source(poses, load_map(backend))
@@ -104,6 +105,7 @@ def with_progress(states: Iterator[State], duration: float, title: str) -> Itera
         start: float | None = None
         for n, state in enumerate(states):
             start = state.t if start is None else start
+            # Five updates of the bar per second are enough at 100 States per second.
             if n % 20 == 0:
                 bar.update(task, completed=state.t - start)
             yield state

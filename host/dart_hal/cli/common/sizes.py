@@ -108,6 +108,7 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
 
     name: of the model on the command line. fitting: the model is the base of a fit.
     """
+    # A shipped set has DART's sizes, and an assumption is no statement: both give way to a car.
     source = str(model.provenance.get("sizes", ""))
     stated = name not in SETS and not source.startswith(ASSUMED_PREFIX)
     if car is not None and (fitting or not stated):
@@ -121,6 +122,7 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
         return _record_source(model, f"the model {name}", caution=caution)
     if stated:
         return _record_source(model, f"the model {name}")
+    # Runs contain the car.toml of their car. One of another car, or none, ends this rule.
     owner = recordings[0].car if recordings else None
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
                                  for r in recordings):
