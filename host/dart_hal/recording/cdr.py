@@ -114,6 +114,7 @@ def _decode_texts(data: bytes, count: int) -> tuple[str, ...]:
     found = []
     at = 0
     for _ in range(count):
+        # Padding to a multiple of 4 before each length, as XCDR1 aligns it.
         at += -at % 4
         (length,) = _U32.unpack_from(data, at)
         at += _U32.size + length

@@ -302,12 +302,14 @@ def _average(stream: Stream | None, t: FloatArray, width: float, shift: float,
     if stream is None:
         return np.full((len(t), columns), np.nan)
     if stream.period * MIN_AVERAGED_RATE > 1.0:
+        # Slow sensor: the newest sample before t.
         newest = np.maximum(np.searchsorted(stream.t, t, side="right") - 1, 0)
         return np.asarray(stream.values[newest])
     zero = stream.t[0]
     at = stream.t - zero
     out = []
     for values in stream.values.T:
+        # Integral of the linear interpolation up to each sample, by trapezoids.
         area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(at) * (values[1:] + values[:-1]))])
 
         def integral(x: FloatArray, values: FloatArray = values, area: FloatArray = area

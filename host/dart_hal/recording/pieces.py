@@ -35,6 +35,7 @@ class PieceWriter:
         if self.trouble is not None:
             return
         try:
+            # An unbuffered write may take a part of the data only.
             rest = memoryview(piece)
             while rest:
                 rest = rest[self._file.write(rest):]

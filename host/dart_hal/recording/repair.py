@@ -43,6 +43,8 @@ def repair(path: Path | str) -> Repaired:
     left_out = found.length - found.used + sum(d.skipped for d in found.damages)
     if found.complete and not found.damages:
         return Repaired(path, found.count, 0, None)
+    # Until the end, the damaged file is the only one: write a new file completely, then exchange
+    # both names.
     old = path.with_name(path.name + ".old")
     if old.exists():
         raise RecordingError(f"{path}: the old file of an earlier repair exists", found=str(old),
@@ -67,6 +69,7 @@ def copy(found: McapFile, writer: Writer) -> None:
 
     Schemas and channels get new numbers.
     """
+    # Records repeat schemas and channels, once in each chunk: register each number once.
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
     for block in found.blocks:

@@ -85,6 +85,8 @@ class RunWriter:
         self._zero = self._file.find_clock_zero(now)
         self._prefix = path.enter(car) if isinstance(path, RunFile) else ""
         self._now = stamp.split(start)[0] + self._zero
+        # Channels of every run exist from its beginning, so that the file of a killed program can
+        # be read as a run.
         for _, kind in _CHANNELS:
             self._file.schema(kind)
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
@@ -186,11 +188,13 @@ class RunWriter:
 
     def _add_to(self, topic: str, kind: str, data: bytes, t: float) -> None:
         """Write to a channel that its first message creates. The caller has the lock."""
+        # Sensors that a car has not leave no empty channel.
         if topic not in self._channels:
             self._channels[topic] = self._channel(topic, kind)
         self._add(topic, data, t)
 
     def _add(self, topic: str, data: bytes, t: float) -> None:
+        # A stamp in the file has whole nanoseconds; the rest of a float keeps a replay exact.
         ns, rest = stamp.split(t)
         with self._lock:
             self._now = ns + self._zero
@@ -274,6 +278,7 @@ class RunReader:
     @property
     def zero_ns(self) -> int:
         """Zero of the car's clock [ns since 1970]; 0 for virtual time, and until format 4."""
+        # All channels of a run have one zero. Those of other tools state none.
         return max((self._mcap.zeros.get(n, 0) for n in self._mcap.topics), default=0)
 
     @property
@@ -313,6 +318,8 @@ class RunReader:
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """Return the input of a replay in recorded order: received bytes and applied pulses."""
+        # Pulses depend on the time at which they were written, which a replay cannot compute again:
+        # they are input of a replay, like the bytes.
         applied = _decode_applied_text if self._is_text("/applied") else _decode_applied
         return self._decode({"/rx": _decode_chunk, "/applied": applied})
 

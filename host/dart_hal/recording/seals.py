@@ -29,6 +29,8 @@ def find_sealed_blocks(data: bytes) -> list[Block]:
     at = data.find(_MARK)
     while 0 <= at <= len(data) - _SEAL.size:
         _, _, length, crc, number = _SEAL.unpack_from(data, at)
+        # A block counts if the seal at its end has its length and checksum; any other place of
+        # these bytes is data, and the search goes on one byte later.
         start = at - length
         if length and start >= last and crc32(memoryview(data)[start:at]) == crc:
             last = at + _SEAL.size

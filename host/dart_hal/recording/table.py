@@ -134,6 +134,7 @@ def read_csv(path: Path | str) -> list[Row]:
     except (OSError, UnicodeDecodeError) as why:
         raise RecordingError(f"{path}: cannot be read as CSV", found=str(why),
                              read=str(path)) from why
+    # A program that was killed leaves a part of a row.
     whole = text[:text.rfind("\n") + 1]
     lines = csv.reader(whole.splitlines())
     header = tuple(next(lines, ()))

@@ -72,6 +72,7 @@ def _plot(checks: list[RecordingCheck], target: Path) -> list[Path]:
     """Draw one picture into a file, or one of each recording and an overview into a folder."""
     from dart_lab.report.recordings import plot_check, plot_overview
 
+    # A name with a suffix is one picture: of the recording, or of all at a glance.
     if target.suffix:
         return [plot_overview(checks, target) if len(checks) > 1
                 else plot_check(checks[0], target)]

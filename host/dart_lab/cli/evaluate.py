@@ -91,6 +91,7 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
 
 def _refuse_model_files(files: tuple[Path, ...]) -> None:
     """Raise UsageError for a model among the recordings: --model was forgotten."""
+    # A model in the place of a recording is the usual slip on this command line.
     models = [f for f in files if f.suffix == ".toml"]
     if models:
         others = " ".join(str(f) for f in files if f not in models) or "FOLDER"
@@ -101,6 +102,7 @@ def _refuse_model_files(files: tuple[Path, ...]) -> None:
 
 def list_fitted_hashes(model: ModelFile) -> frozenset[str]:
     """Return the SHA-256 of the files in the provenance of a model: it was fitted to them."""
+    # Recordings that the model was fitted to are marked: their errors are too small.
     files = model.provenance.get("files", {})
     return frozenset(map(str, files.values())) if isinstance(files, dict) else frozenset()
 

@@ -102,6 +102,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     # Drive and record; the fit starts after the car is closed, so that the file is complete.
     with Car.over(backend, car=car_name, cars=cars, record=out, poses=poses) as car:
         show_notices(car.notices)
+        # The mass turns accelerations into forces: a weighed one belongs to the recording.
         if mass is not None or backend.workshop is not None:
             note_mass(car, weighed)
         _confirm(plan, simulated, yes)
@@ -161,6 +162,7 @@ def _conduct(car: Car, plan: ExperimentPlan, waive: tuple[str, ...], out: Path) 
             return conduct(car, plan, lambda share, text: bar.update(
                 task, completed=share, description=text), waive=waive)
     except BaseException:
+        # The part that was driven is complete in the file, and may be enough for a fit.
         console.print(f"recorded until then: {out}", markup=False, highlight=False)
         raise
 

@@ -164,6 +164,8 @@ def _read_recordings(files: Sequence[Path], reference: Reference | None, car_nam
         bar.add_task("reading", total=None)
         recordings, skipped = read_any(files, reference=reference,
                                        car=NamedCar(car_name, str(cars) if cars else None))
+    # A fit pools its recordings: those of two cars, or of steering with another sign, would give
+    # the parameters of no car.
     refuse_several_cars(recordings)
     refuse_reversed_steering(recordings)
     return recordings, skipped
@@ -207,6 +209,7 @@ def _load_base(base: str | None, target: Path | None, files: Sequence[Path]
     """
     if base is not None:
         return named_model(base, files)[0], base
+    # A fit of one sub-model into the file of another one keeps what was fitted before.
     if target is not None and target.exists():
         return find_model(target)[0], str(target)
     name = default_model(files)

@@ -63,6 +63,8 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     findings = check_data(data)
     if not as_json:
         _show(data, findings)
+    # Wrong signs, units or axes would be fitted like a property of the car: nothing is written
+    # before they are right, or stated as intended.
     severe = [f for f in findings if f.severe]
     if severe and not unchecked:
         raise RecordingError(
@@ -74,6 +76,7 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     if target.suffix != ".mcap":
         raise UsageError(f"{target} is no recording", found=target.name,
                          expected="a name that ends in .mcap", remedy="--out run.mcap")
+    # An older recording gets a number: it may be of another map.
     old = rename_existing(target)
     write_imported(data, target)
     if as_json:

@@ -71,6 +71,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
 
 def _add_option(url: str, option: str, value: str | None) -> str:
     """Return the URL with one more option; Url.parse refuses an option that is given twice."""
+    # Options of the command line become options of the URL, which is checked once.
     if not value:
         return url
     return f"{url}{'&' if '?' in url else '?'}{urlencode({option: value})}"

@@ -51,6 +51,8 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
     check_writable(out)
     recordings, skipped = read_any(find(files), reference=reference,
                                    car=NamedCar(car_name, str(cars) if cars else None))
+    # Sizes of the named car replace those of the start model, which fits may then move within their
+    # standard errors.
     file, _ = named_model(base, files)
     sizes = apply_car_sizes(base, file, load_named_car(car_name, cars), recordings, fitting=True)
     notes = (*sizes.lines, *(f"{path} was skipped: {why}" for path, why in skipped))
@@ -64,8 +66,10 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
             print_line(f"{name}: {result.verdict}", "bold" if result.sound else "red")
             for line in result.lines:
                 print_line(f"  {line}")
+        # Later stages use this result: they would fail, or mislead.
         if not result.sound:
             break
+    # The page also has the stages of earlier calls.
     results = load_results(out)
     page = write_study_page(results, out / "index.html", car_name or sizes.model.name) \
         if html else None

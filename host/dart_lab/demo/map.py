@@ -108,6 +108,7 @@ def drive_laps(number: int, out: Path) -> FollowedLap:
     write_grid(grid, out / MAP_FILE)
     line = make_closed_line(survey)
     estimated, true, ended = follow_line(url, cars, grid, line)
+    # The map begins at the start pose; truth is in the frame of the room.
     estimated[:, :2] = alignment.transform(estimated[:, :2])
     row, column = np.nonzero(grid.occupied)
     cells = grid.origin + (np.column_stack((column, row)) + 0.5) * grid.cell
@@ -157,6 +158,8 @@ def make_closed_line(survey: Survey) -> Track:
     from_start = np.hypot(*(survey.poses[:, :2] - survey.poses[0, :2]).T)
     end = int(np.argmin(np.where(distance < 0.7 * LAP_LENGTH, np.inf, from_start)))
     kept = [0]
+    # Keyframes may be close to each other where the car turned: keep points at a regular distance,
+    # also from the closing point.
     for k in range(1, end):
         if (distance[k] - distance[kept[-1]] > POINT_SPACING
                 and distance[end] - distance[k] > 0.5 * POINT_SPACING):

@@ -117,6 +117,7 @@ def _backlash(result: SteeringResult, known: dict[str, Any]) -> str:
 
 def _sigma(state: State) -> float:
     """Standard deviation of the position along its least certain direction [m]."""
+    # Largest eigenvalue of the covariance of x and y.
     return float(np.sqrt(np.linalg.eigvalsh(state.pose.cov[:2, :2])[-1]))
 
 
@@ -138,6 +139,7 @@ def _map(axes: Any, result: SteeringResult, known: dict[str, Any]) -> None:
     band(axes, result.command, angle, reach, label="stated 90 % interval")
     axes.plot(result.command, angle, "o-", color=BLUE, ms=4, lw=1, label="measured")
     finish(axes, "steering command", "road-wheel angle [deg], left positive", frameon=False)
+    # The curve hides errors of a few tenths of a degree; the inset shows them alone.
     inset = axes.inset_axes((0.58, 0.13, 0.41, 0.32))
     band(inset, result.command, np.zeros_like(reach), reach)
     inset.plot(result.command, angle - np.interp(result.command, grid, true), "o-", color=BLUE,

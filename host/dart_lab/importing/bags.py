@@ -155,11 +155,13 @@ def _make_table(topic: str, messages: list[tuple[float, Any]], source: tuple[str
     columns: dict[str, FloatArray] = {"arrival": np.array([t for t, _ in messages])}
     for name, read in paths.items():
         columns[name] = np.array([_read_number(read, message) for _, message in messages])
+    # Seconds and nanoseconds of a stamp become one column; the message types name them differently.
     for prefix in ("header.stamp", "timestamp"):
         for second, part in (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs")):
             if f"{prefix}.{second}" in columns and f"{prefix}.{part}" in columns:
                 columns["stamp"] = (columns.pop(f"{prefix}.{second}")
                                     + 1e-9 * columns.pop(f"{prefix}.{part}"))
+    # Four columns x, y, z, w of one name are a quaternion: add its yaw, which maps refer to.
     for name in [n.removesuffix(".w") for n in columns if n.endswith(".w")]:
         if all(f"{name}.{axis}" in columns for axis in "xyz"):
             columns[f"{name}.yaw"] = quaternion_yaw(*(columns[f"{name}.{a}"] for a in "xyzw"))

@@ -138,6 +138,8 @@ def _find_delimiter(lines: Sequence[str]) -> str:
         counts = {len(_split(line, delimiter)) for line in lines if line.strip()}
         return counts.pop() if len(counts) == 1 else 0
 
+    # A separator that occurs within cells, such as a decimal comma, gives lines of different
+    # length.
     best = max(DELIMITERS, key=count_cells)
     if count_cells(best) > 1:
         return best
@@ -219,6 +221,7 @@ def table_from_frame(frame: Any, name: str = "frame") -> Table:
                 columns[str(column)] = np.full(len(series), np.nan)
                 continue
             flat = values.reshape(len(values), -1)
+            # Cells with vectors become one column for each component.
             columns |= ({str(column): flat[:, 0]} if values.ndim == 1 else
                         {f"{column}[{i}]": flat[:, i] for i in range(flat.shape[1])})
     return Table(name, columns, text)

@@ -43,6 +43,7 @@ STAGE_TEXT = {
 
 def render_effects() -> str:
     """Return the Markdown page of the catalogue, by stage and in the order in which effects act."""
+    # In the order in which the effects act on a signal, which matters if several are active.
     effects = sorted(own_effects().values(), key=order_key)
     parts = [EFFECTS_HEAD]
     for stage in EFFECT_STAGES:

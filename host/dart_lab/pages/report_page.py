@@ -82,6 +82,8 @@ class CarReport:
         if len(self.runs) < 2:
             return []
         new, old = self.runs[:2]
+        # Files by checksum: another checksum is a change, a name in one run only an addition or
+        # removal.
         common = old.files.keys() & new.files.keys()
         out = [f"{name}: {'changed' if name in common else 'added or removed'}"
                for name in sorted(old.files.keys() | new.files.keys())
@@ -113,6 +115,7 @@ def write_page(report: CarReport, path: Path, answer: dict[str, Any]) -> Path:
     todo = report.to_do()
     lead = "Nothing needs attention." if not todo else "What needs attention:"
     card = page.card(el("p", lead, class_="big"), page.items(todo), good=not todo)
+    # z, the difference over its standard error, is unknown where a value has no standard error.
     changes = [(c.name, _number(c.before), _number(c.now),
                 "-" if math.isnan(c.z) else f"{c.z:.1f}")
                for c in (*report.calibration, *report.model)]

@@ -59,6 +59,7 @@ def _command(name: str, parent: click.Context) -> list[str]:
 
 
 def _help(command: click.Command) -> list[str]:
+    # click marks paragraphs that it must not wrap with a backspace character.
     paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
     return [plain(p.replace("\b", "")) + "\n" for p in paragraphs if p.strip()]
 
@@ -71,6 +72,7 @@ def _usage(command: click.Command, here: click.Context) -> str:
 def _options(here: click.Context) -> list[str]:
     records = [p.get_help_record(here) for p in here.command.params
                if isinstance(p, click.Option)]
+    # A vertical bar would end the cell of a Markdown table, also within a code span.
     rows = [f"| `{r[0].replace('|', chr(92) + '|')}` | {plain(r[1])} |"
             for r in records if r is not None]
     return ["| option | meaning |\n|---|---|", *rows, ""] if rows else []

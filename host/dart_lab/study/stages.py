@@ -128,6 +128,7 @@ def load_results(folder: Path) -> dict[str, StageResult]:
 def split_recordings(recordings: Sequence[Recording]
                      ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Return (training, test) recordings: the last third tests, of one recording its stretches."""
+    # The last recordings test: the model is for drives after those that it was fitted to.
     if len(recordings) == 1:
         train, test = hold_out(recordings, USUAL.inputs.test_share)
         return tuple(train), tuple(test)
@@ -155,10 +156,12 @@ def _check(study: Study, progress: Progress | None) -> StageResult:
     checks = [check(r) for r in study.recordings]
     rows = [("recording", "s", "good for", "first finding")]
     for c in checks:
+        # The table has one finding for each recording; the page of data check has all.
         serious = [f.text for f in c.findings if f.serious] or [""]
         rows.append((c.name, f"{c.facts.duration:.0f}", ", ".join(c.good_for) or "nothing",
                      serious[0]))
     good = [c for c in checks if _is_usable(c)]
+    # One study is of one car: the fits of all stages pool its recordings.
     refuse_several_cars(study.recordings)
     refuse_reversed_steering(study.recordings)
     train, test = split_recordings([c.recording for c in good]) if good else ((), ())
@@ -189,7 +192,9 @@ def _select_usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording
         raise RecordingError("no recording is good for a study",
                              found=", ".join(r.name for r in study.recordings),
                              expected="driving with poses, or with encoder and gyro",
-                             remedy="dart-hal data check FILES says why")
+                             remedy="dart-hal data check FILES gives the reasons")
+    # Poses determine more parameters than sensors. Both kinds in one fit would need weights between
+    # them, so recordings without poses are left out where others have them.
     if any(r.mocap is not None for r in good):
         good = [r for r in good if r.mocap is not None]
     return split_recordings(good)
@@ -205,11 +210,13 @@ def _predict(study: Study, progress: Progress | None) -> StageResult:
     train, _ = _select_usable(study)
     if train[0].mocap is None:
         return StageResult("identifiability", "without poses it is known only after the fit")
+    # Standard errors at the start values: before a fit they are predictions.
     found = predict_identifiability(train, vehicle_of(_start_model(study, train)))
     rows = [("parameter", "start value", "predicted error", "unit", "determined")]
     rows += [(i.name, f"{i.value:.3g}", f"{i.std:.2g}", i.unit, "yes" if i.determined else "no")
              for i in found]
     unknown = [i for i in found if not i.determined]
+    # One drive for a group of parameters: they are determined by the same motion.
     drives = {i.name.partition(".")[0]: i.manoeuvre for i in unknown}
     lines = [f"{group} needs: {manoeuvre}" for group, manoeuvre in drives.items()]
     return StageResult(
@@ -222,6 +229,7 @@ def _fit(study: Study, progress: Progress | None) -> StageResult:
     """Fit the start model to the training recordings, and write it."""
     train, _ = _select_usable(study)
     command = f"dart-hal study: stage fit, seed {study.seed}"
+    # With poses the sub-models are fitted together, by rollouts; without, one after the other.
     if train[0].mocap is not None:
         outcome, _ = identify_jointly(list(train), [], SECTIONS, study.start, command, None,
                                       progress)
@@ -263,6 +271,7 @@ def _validate(study: Study, progress: Progress | None) -> StageResult:
                for name, model in models.items()}
     key = f"{HORIZON:.1f}"
     pooled = {name: r.model.to_json()[key]["pooled"] for name, r in results.items()}
+    # Constant velocity and yaw rate: what a prediction without any model reaches.
     pooled["constant velocity"] = results["fitted"].ctrv.to_json()[key]["pooled"]
     rows = [("error (rms)", *pooled)]
     rows += [(label, *(f"{values[channel]:.3g}" for values in pooled.values()))

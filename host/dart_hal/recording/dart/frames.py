@@ -34,6 +34,7 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
 
 def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None, str]]:
     """Return by id of a recording its fitted frame and the name of the fitted data."""
+    # 1. Group the recordings by day and car.
     mountings: dict[str, list[Recording]] = {}
     for r in recordings:
         mountings.setdefault(mounting(r), []).append(r)
@@ -42,8 +43,10 @@ def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference
         if len(members) == 1:
             found[id(members[0])] = fit_reference(members), "this recording"
             continue
+        # 2. Fit the frame to all of a group, and to each of it alone.
         pooled = fit_reference(members)
         alone = [fit_reference([r]) for r in members]
+        # 3. A recording whose own fit contradicts that of the group has another mounting.
         differences = [own is not None and (pooled is None or difference(own, pooled) != "")
                        for own in alone]
         for r, own, differs in zip(members, alone, differences, strict=True):
@@ -67,6 +70,7 @@ def _attach_frame(recording: Recording, given: Reference | None, fitted: Referen
                   fitted_to: str) -> Recording:
     known = given or reference_for(recording)
     notes = list(recording.notes)
+    # A frame that was measured is not replaced by a fit, which may follow a wrong model.
     if known is not None:
         if fitted is not None and (differs := difference(known, fitted)):
             notes.append(Note(

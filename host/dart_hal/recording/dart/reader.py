@@ -69,6 +69,7 @@ def read(path: str | Path) -> Recording:
 def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: list[Note],
               digest: str) -> Recording:
     pose: Mocap | None = None
+    # Rows without a pose are dropped first: sensors and poses of schemas B and C share their rows.
     if schema != "A":
         pose, keep, more = read_mocap(columns)
         notes += more
@@ -91,6 +92,7 @@ def _never_measured(columns: dict[str, FloatArray]) -> list[Note]:
     present = [c for c in NEVER_MEASURED if c in columns]
     if not present:
         return []
+    # Columns that older recorders wrote without a sensor behind them.
     zero = all(bool(np.all(np.nan_to_num(columns[c]) == 0.0)) for c in present)
     return [Note(f"columns {' and '.join(present)} are zero in every row: never measured, dropped"
                  if zero else f"columns {' and '.join(present)} not used", kind="not_measured")]
@@ -119,6 +121,8 @@ def _judge_encoder(recording: Recording) -> Recording:
     if recording.schema == "C":
         return recording
     speed = recording.messages.speed
+    # 1. An encoder that counts: its speeds are multiples of one quantum. 2. Always 0 while the
+    #    poses move: dead. 3. Always 0 otherwise: the car was at rest.
     if np.any(speed != 0.0):
         quantum = encoder_quantum(speed)
         note = (f"encoder quantum {quantum:.5f} m/s per count" if quantum

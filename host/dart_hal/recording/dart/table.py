@@ -90,6 +90,7 @@ def parse_text(text: str, file: str
                              remedy="leave this file out")
     dropped: list[tuple[str, int]] = []
     try:
+        # Fast for a sound file. All others are read line by line, so that the error names the line.
         table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2, comments=None)
     except ValueError:
         table = None
@@ -154,6 +155,7 @@ def keep_finite(columns: dict[str, FloatArray], used: Sequence[str], file: str
 
     Errors: RecordingError if these are more than 5 % of all rows.
     """
+    # Only columns that are used: others may be empty.
     finite = np.all([np.isfinite(columns[c]) for c in used], axis=0)
     bad = int((~finite).sum())
     if bad > MAX_BAD_SHARE * len(finite):

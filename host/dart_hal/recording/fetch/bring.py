@@ -84,6 +84,8 @@ def fetch(source: str | None = None, folder: str | Path | None = None, *,
     fresh = not target.exists()
     try:
         with TemporaryDirectory(prefix="dart-hal-") as scratch:
+            # Source by source: a file that one of them lacks, or has with another checksum, is
+            # searched for in the next.
             for one in _sources(source, store.registry, Path(scratch), progress) if left else ():
                 outcome.sources.append(one.name)
                 for path in left:
