@@ -92,8 +92,9 @@ def _kind(name: str, id: int, doc: str, *fields: Field) -> Kind:
 _F = Field
 # m: largest coordinate.
 MAX_ROOM_SIZE = 1e5
-_NAME = _F("name", "text", "of the car that tells", count=MAX_NAME_BYTES)
-_AGE = _F("age", "f32", "s from what is told to ``sent``, by the sender's car", low=0.0, high=1e6)
+_NAME = _F("name", "text", "of the sending car", count=MAX_NAME_BYTES)
+_AGE = _F("age", "f32", "s from the described moment to ``sent``, by the sender's clock",
+          low=0.0, high=1e6)
 
 POSE = _kind(
     "POSE", 1, "where the rear axle is and how it moves, 20 Hz", _NAME, _AGE,
@@ -124,19 +125,19 @@ HEALTH = _kind(
 )
 STOP = _kind(
     "STOP", 4, "every car: throttle neutral, disarmed; repeated until each has answered", _NAME,
-    _F("number", "u32", "of this stop, drawn by who stops; not 0", low=1),
-    _F("why", "text", "for the one who reads the log", count=MAX_TEXT_BYTES),
+    _F("number", "u32", "of this stop, drawn at random by its sender; not 0", low=1),
+    _F("why", "text", "reason, for the log", count=MAX_TEXT_BYTES),
 )
 STOPPED = _kind(
     "STOPPED", 5, "the answer to each STOP that is heard", _NAME,
     _F("number", "u32", "of the stop", low=1),
 )
-BEAT = _kind("BEAT", 6, "who watches the room is there, 20 Hz. It counts from the time of the "
+BEAT = _kind("BEAT", 6, "a station watches the room, 20 Hz. It counts from the time of the "
              "receiver's own frame that its sender has echoed last (HEARD)", _NAME)
 # Bytes of a coordination.
 MAX_PAYLOAD_BYTES = 255
 COORDINATION = _kind(
-    "COORDINATION", 7, "what a law that several cars share tells, when it tells it", _NAME,
+    "COORDINATION", 7, "payload of a control law that several cars share, at its own times", _NAME,
     _F("payload", "bytes", "the law's own", count=MAX_PAYLOAD_BYTES),
 )
 

@@ -9,8 +9,8 @@ late: it is used where nothing newer is known, but never as a beat.
 **Liveness.** A member repeats the number of the newest frame of each other member (HEARD). A
 receiver that finds the number of its own frame in it knows, by its own clock, a time at which the
 sender was still alive: ``Sender.proof``. No recording contains the number of a frame that was
-sent later, so a replay never changes this time, whatever clocks the members have and however often
-they were restarted.
+sent later, so a replay never changes this time. It does not depend on the clocks of the members, or
+on how often they were restarted.
 
 - A BEAT counts from ``proof``, in every room. Transmission delay makes it older, not younger.
 - With a key all other frames are used only while ``proof`` is at most ``MAX_TRANSIT`` s old; a
@@ -60,8 +60,8 @@ TRACKINGS = tuple(Tracking)
 class OtherPlan:
     """Planned path of another car.
 
-    points (n, 4) of x, y [m], yaw [rad], speed [m/s], ``step`` s apart; the first is for ``age`` s
-    ago.
+    points (n, 4) of x, y [m], yaw [rad], speed [m/s], one each ``step`` s; the first is for
+    ``age`` s ago.
     """
 
     frame: str

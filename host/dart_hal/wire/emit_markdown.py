@@ -55,7 +55,7 @@ _REST = """\
 ## Handshake
 
 1. The host opens the port exclusively, which usually restarts the Nano. It sends nothing for
-   1.6 s, because a byte would keep the bootloader waiting. HELLO comes three times, 100 ms apart.
+   1.6 s, because a byte would keep the bootloader waiting. HELLO comes three times in 0.3 s.
 2. Without HELLO the host sends HELLO_REQ each 100 ms for 0.9 s, then tries 115200 baud. After
    3 s with framing errors and no valid frame the Nano changes its rate.
 3. HELLO has the `boot_nonce`, which a HEARTBEAT must repeat as `arm_token` to arm.

@@ -63,6 +63,7 @@ def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search:
              if (move := _move(final.point, e, search, evidence, policy)) is not None]
     if not moves:
         return final
+    # Between-model covariance: the accepted model has the move 0 and counts in the divisor.
     between = np.stack(moves)
     covariance = final.covariance + between.T @ between / (len(moves) + 1)
     point = final.point
@@ -82,6 +83,7 @@ def _move(point: Point, exchange: Exchange, search: ForwardSearch, evidence: Evi
     if exchange.added:
         trial, = scan(evidence, other, (exchange.added,), policy=policy)
         other = search.add_effect(evidence, point.noise, other, trial)
+    # A parameter that the other model lacks contributes no difference.
     x = np.array(point.x)
     places = {name: i for i, name in enumerate(other.space.names)}
     for i, name in enumerate(point.space.names):

@@ -100,6 +100,8 @@ class EqualFits:
         space = self.search.make_space(vehicle)
         x = space.transfer(space.start(vehicle, start.timing), start.space, start.x)
         for _ in range(passes):
+            # Iteratively reweighted: minimising the sum of ln s_kc is least squares with weights 1
+            # / s_kc^2 that follow the fit.
             noise = _weigh_recordings_equally(self.noise, self.evidence, *space.split(x))
             fit = refit(self.evidence, noise, space, x, jobs=self.jobs)
             x = fit.x
@@ -115,6 +117,8 @@ class EqualFits:
 
     def judge(self, fit: Point) -> CrossValidatedFit:
         """Fit without each recording in turn, and predict it."""
+        # Leave one recording out, fit the others, and predict the one at the horizon of the
+        # evaluation.
         work = [(fold.others, _rows_of_others(self.evidence, fit, fold.drive))
                 for fold in self.folds]
         fits = list(each(_refit_others, work, self.jobs))
@@ -215,6 +219,7 @@ def _add_sensor_effects(judged: CrossValidatedFit, sensors: FinalFit) -> FinalFi
     All folds have the same prior, so the jackknife lacks its share of the covariance.
     """
     fit = judged.fit
+    # Jackknife over recordings: (K - 1) / K times the sum of squared deviations of the K fits.
     deviation = judged.fold_points - judged.fold_points.mean(axis=0)
     k = len(deviation)
     bread = np.linalg.inv(fit.normal)
@@ -242,6 +247,8 @@ def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle
     motion = replace_diverged(evidence.residuals(vehicle, timing).motion)
     drive = evidence.motion_drive
     used = np.unique(drive)
+    # A recording of few windows is pulled towards the pooled scale, as if it had TYPICAL_WINDOWS
+    # more: else a short, smooth one would get a weight without limit.
     pooled = np.mean(motion**2, axis=0) + 1e-12
     scale = np.ones(motion.shape)
     for k in used:

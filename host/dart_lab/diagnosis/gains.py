@@ -176,6 +176,8 @@ def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: Reco
     block_s: length of the blocks of the bootstrap over residuals [s].
     """
     changes_motion = effect.stage != "measurement" or "pose" in effect.signals
+    # The channel is chosen by the training recordings, the reported reduction is that of the test
+    # recordings: a choice by the test would make it too large.
     if changes_motion and train.prepared and test.prepared:
         channels = _rollout_gains(reference.logged, changed.logged, train, test, seed,
                                   changed.commands)

@@ -40,12 +40,16 @@ def find_spurious(q: DiagnosisSetup, found: SearchResult, structure: Sequence[Un
     spurious = []
     names = [n.effect for n in found.accepted]
     for name in names:
+        # 1. The fit without this cause.
         others = q.search.fit_subset(found.point, found.noise, [n for n in names if n != name],
                               found.point)
+        # 2. What the cause removes, by channel; only channels with structure in which it mainly
+        #    acts.
         drops = _loss_drops(q, others, found.point)
         total = sum(max(drop, 0.0) for drop in drops.values())
         channels = [u.channel for u in structure if "recording" not in u.along
                     and drops.get(u.channel, 0.0) > policy.mainly * total]
+        # 3. Compare the structure with and without it.
         without_cause = _structure_losses(q, found, others) if channels else {}
         if any(explain_failure("structure", Candidate(
                 structure_after=with_cause[c], structure_before=without_cause[c],

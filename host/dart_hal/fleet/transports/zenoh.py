@@ -17,8 +17,8 @@ from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.url import Url
 from dart_hal.fleet.transports import Datagram
 
-# Frames that wait: 10 s of 20 cars.
-KEPT = 4096
+# Frames that wait: 10 s of 20 cars with 20 frames a second each.
+MAX_QUEUED_FRAMES = 4096
 
 
 def open_zenoh(url: Url) -> ZenohTransport:
@@ -45,21 +45,22 @@ def open_zenoh(url: Url) -> ZenohTransport:
 
 
 class ZenohTransport:
-    """One session; a thread of zenoh puts what comes into a queue."""
+    """One session of zenoh, whose own thread puts received frames into a queue."""
 
     def __init__(self, url: Url, session: Any) -> None:
-        self.url, self.trouble = url.text, ""
+        self.url = url.text
+        self.trouble = ""
         self._session = session
-        self._came: deque[tuple[bytes, float]] = deque(maxlen=KEPT)
+        self._received: deque[tuple[bytes, float]] = deque(maxlen=MAX_QUEUED_FRAMES)
         key = f"dart-hal/fleet/{url.target.strip('/') or 'room'}"
         self._subscriber = session.declare_subscriber(key, self._take)
         self._publisher = session.declare_publisher(key)
 
     def _take(self, sample: Any) -> None:
-        self._came.append((sample.payload.to_bytes(), elapsed()))
+        self._received.append((sample.payload.to_bytes(), elapsed()))
 
     def stamp(self, now: float) -> float:
-        """The computer's clock that nobody sets."""
+        """Return the monotonic clock of the computer, which no time server changes."""
         return elapsed()
 
     def send(self, data: bytes, now: float) -> None:
@@ -70,14 +71,17 @@ class ZenohTransport:
             self.trouble = str(why)
 
     def poll(self, now: float) -> Sequence[Datagram]:
-        out, line = [], elapsed()
-        while self._came:
-            data, t = self._came.popleft()
-            out.append(Datagram(data, max(line - t, 0.0)))
+        # The age is from the moment at which zenoh delivered a frame: it excludes the waiting time
+        # in this queue from the transit that is estimated.
+        now_by_line = elapsed()
+        out = []
+        while self._received:
+            data, t = self._received.popleft()
+            out.append(Datagram(data, max(now_by_line - t, 0.0)))
         return out
 
     def answer(self, source: object) -> None:
-        """Whoever subscribes gets everything."""
+        """Do nothing: zenoh sends to all subscribers."""
 
     def close(self) -> None:
         if self._session is not None:

@@ -44,6 +44,7 @@ def check_units(r: Recording, policy: InputPolicy = USUAL.inputs) -> None:
         check("vicon yaw", motion.omega, motion.course, drives, "the direction of travel")
         check("vel encoder", m.speed, motion.speed, drives, "the motion capture")
         check("W (IMU)", m.yaw_rate, motion.omega, turns, "the motion capture")
+    # In a turn without slip the lateral acceleration is yaw rate times speed.
     lateral = motion.omega * motion.speed
     check("acc y (IMU)", m.accel_y, lateral, np.abs(lateral) > policy.turning,
           "yaw rate times speed")
@@ -72,6 +73,7 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
     """
     predicted, measured = (np.concatenate(v) for v in zip(
         *[_compare_yaw_rates(r, p, policy) for r in train], strict=True))
+    # Median of the ratios: a part of the turns may be disturbed.
     ratios = measured / predicted
     if len(ratios) < MIN_READINGS:
         return []
@@ -99,6 +101,7 @@ def slope(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> f
     good = np.isfinite(x) & np.isfinite(y)
     if good.sum() < MIN_READINGS:
         return math.nan
+    # Covariance over variance of x; a correlation below the limit has no meaningful slope.
     x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
     size = math.sqrt(float(x @ x) * float(y @ y))
     if size == 0.0 or abs(float(x @ y)) < policy.correlation * size:
@@ -109,6 +112,8 @@ def slope(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> f
 def ratio(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> float:
     """Return the median of y / x; NaN if the ratio is not constant, as for spinning wheels."""
     ratios = y / x
+    # A wrong unit is one factor for all readings, so the quartiles of the ratios are close to each
+    # other.
     low, middle, high = np.quantile(np.abs(ratios), [0.25, 0.5, 0.75])
     constant = low > 0.0 and high < policy.quartiles * low
     return float(np.copysign(middle, np.median(ratios))) if constant else math.nan
@@ -162,6 +167,7 @@ def _compare_yaw_rates(r: Recording, p: Vehicle, policy: InputPolicy
     motion = motion_at_messages(r)
     q = apply_parameter_effects(p)
     steering = make_steering(q.steering, ARRAY)
+    # The angle now is that of the command one delay and one lag ago.
     sent = m.t - q.delay.steering_s - q.delay.steering_lag_s
     angle = np.asarray(steering(np.interp(sent, m.t, m.steering)))
     earlier = np.asarray(steering(np.interp(sent - policy.steady_s, m.t, m.steering)))

@@ -85,6 +85,7 @@ class Noise:
         c = len(self.motion)
         k = rows.shape[1]
         motion = rows[:windows * c].reshape(windows, c, k).transpose(0, 2, 1)
+        # Undo the other whitening, which gives SI units, and apply this one.
         si = motion @ np.linalg.inv(other.motion).T
         scale = np.broadcast_to(np.asarray(self.age_scale) / other.age_scale, (windows, c))
         motion = (si * scale[:, None]) @ self.motion.T
@@ -112,11 +113,15 @@ def estimate_noise(r: Residuals, blocks: tuple[IntArray, IntArray],
     one age. age_std [s]: standard deviation of ages; None: estimated from the residuals.
     """
     age_scale = 1.0 if sensitivity is None else _age_scale(r.motion, sensitivity, policy, age_std)
+    # 1. Scale and correlation of the motion; a row is then a vector of independent numbers.
     whitener = _whitener(r.motion * age_scale, policy)
     resolution = np.array([policy.encoder_floor, policy.gyro_floor, *[policy.accel_floor] * 2])
+    # 2. Scale of each sensor, not below the rounding of its readings.
     sensors = np.maximum(_robust_std(r.sensors), resolution) if len(r.sensors) else np.ones(4)
     unweighted = Noise(whitener, sensors, np.ones(len(whitener) + len(sensors)), age_scale, policy)
     motion, read = unweighted.whiten(r)
+    # 3. Weights: residuals are correlated in time, so n of them are worth fewer independent ones.
+    #    Overlapping windows predict each sample several times.
     centred = read - np.median(read, axis=0) if len(read) else read
     weight = np.concatenate([
         np.minimum(_effective_weight(motion, blocks[0], CLIP), 1.0 / overlap),
@@ -132,6 +137,8 @@ def _age_scale(motion: FloatArray, sensitivity: FloatArray, policy: NoisePolicy,
     """
     scale = np.ones(motion.shape)
     for _ in range(ALTERNATIONS):
+        # The age e of a command adds a residual s e, with variance s^2 var(e): in standard
+        # deviations of the other noise, the variance is 1 + s^2 var(e).
         relative = sensitivity / _robust_std(motion * scale)
         variance = (_age_variance(motion, sensitivity, relative, policy) if age_std is None
                     else age_std**2)
@@ -153,6 +160,7 @@ def _age_variance(motion: FloatArray, sensitivity: FloatArray, relative: FloatAr
     informative = relative * MAX_COMMAND_AGE > 2.0 * policy.age_tells
     if informative.sum() < MIN_READINGS:
         return None
+    # var(residual / s) = var(e) + 1 / s^2: subtract the mean of the second term.
     age = motion[informative] / sensitivity[informative]
     age = np.clip(age, -MAX_COMMAND_AGE, MAX_COMMAND_AGE)
     noise = np.mean(relative[informative]**-2)
@@ -163,6 +171,7 @@ def _whitener(motion: FloatArray, policy: NoisePolicy) -> FloatArray:
     """Return L^-1 of the robust covariance L L^T: clipped residuals, with a ridge."""
     size = _robust_std(motion)
     scaled = np.clip(motion / size, -CLIP, CLIP)
+    # With the covariance L L^T of rows, L^-1 row has the covariance I.
     covariance = scaled.T @ scaled / max(len(scaled), 1) + policy.ridge * np.eye(
         scaled.shape[1])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)) / size)

@@ -90,17 +90,21 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
     t = _interpolate(g.t, samples)
     distance = _interpolate(np.cumsum(g.v_x) * SAMPLE, samples[:1])
     none = np.zeros(len(drive.window_starts))
+    # 1. The lead starts at the measured yaw, speed, lateral speed and yaw rate.
     first = np.stack([none, none,
                       *(_interpolate(f, samples[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
     n_lead = LEAD_SAMPLES + LAST_LEAD_SAMPLES
     lead = _roll_out(p, first, tau[:n_lead], delta[:SUBSTEPS * n_lead])
     wheel, gyro, _, _ = _sense(p, t[:n_lead + 1], lead, tau[:n_lead + 1], distance)
+    # 2. Prediction and readings before the start: the speed is corrected by their mean difference,
+    #    the yaw rate by that of the last message.
     past = LEAD_SAMPLES + drive.past_offsets
     error = drive.past_readings - np.stack([np.abs(_trailing_mean(wheel, past, ENCODER_MEAN_S)),
                                             _trailing_mean(gyro, past, drive.mean_s)])
     lead = lead[:, :LEAD_SAMPLES + 1]
     lead[3] += error[0].mean(axis=0)
     lead[5] += error[1, -1]
+    # 3. The window itself.
     rest = _roll_out(p, lead[:, -1], tau[LEAD_SAMPLES:-1], delta[SUBSTEPS * LEAD_SAMPLES:-SUBSTEPS])
     whole = np.concatenate([lead, rest[:, 1:]], axis=1)
     wheel, gyro, a_x, a_y = _sense(p, t, whole, tau, distance)
@@ -133,6 +137,8 @@ def _correct_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Flo
         return g
     rates = [np.gradient(g.v_x, SAMPLE), 0.0, np.gradient(g.omega, SAMPLE)]
     wheel, gyro, _, _ = read_sensors(p, add_drive_force(p, motion(g.t, states(g), rates), throttle))
+    # An effect changes a reading by f(x) - x, at x = reading to first order: reading - (f(reading)
+    # - reading) is the value without it.
     omega = 2.0 * g.omega - gyro
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
     freed = replace(g, v_x=2.0 * g.v_x - wheel, omega=omega, yaw=yaw)
@@ -151,6 +157,8 @@ def _add_steady_v_y(g: Grid, q: Vehicle) -> Grid:
         return replace(g, v_y=body.l_r * g.omega)
     _, rear = make_tyres(q.tyres, body, ARRAY)
     stiffness = float(rear(np.array(SMALL_SLIP))) / SMALL_SLIP
+    # Balance of moments in a steady turn: the rear axle carries l_f / l of the lateral force m v
+    # omega.
     force = body.mass * g.v_x * g.omega * body.l_f / body.wheelbase
     slip = np.clip(force / stiffness, -MAX_SLIP_ANGLE, MAX_SLIP_ANGLE)
     return replace(g, v_y=body.l_r * g.omega - np.tan(slip) * g.v_x)

@@ -227,6 +227,8 @@ class Evidence:
         ages = timing.message_age, timing.gyro_age
         moving = _drop_reading_effects(p)
         q = apply_parameter_effects(p)
+        # Motion and each sensor are cached by what they depend on: most steps of a search change
+        # one of them.
         motion = self._cached_residuals(
             (moving, timing.age_spread), lambda: self._motion_residuals(moving, timing.age_spread))
         sensors = [self._cached_residuals(_readings_key(p, q, signal, *ages),
@@ -268,12 +270,15 @@ class Evidence:
         """Compute the motion residuals (n, len(READ_OUTS) * 3)."""
         q = apply_parameter_effects(p)
         measured = self._cached_start_and_motion(p, q)[1]
+        # Predicted poses are differentiated like measured ones, which smooths both equally.
         error = _velocities(self._states(p, q, age_spread)) - measured
         return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
 
     def _states(self, p: Vehicle, q: Vehicle, age_spread: float) -> FloatArray:
         """Predict the states (len(STATE_SAMPLES), 6, n) of all windows; q: p with its effects."""
         start, _ = self._cached_start_and_motion(p, q)
+        # Inputs of the rollout: throttle constant over a sample, angle in quarters of one, as a
+        # servo moves within it.
         throttle = self._cached_part(
             ("throttle", *throttle_key(p, q), age_spread), lambda: np.repeat(
                 self._actuator_outputs(q, age_spread, "throttle", _sample_series), SUBSTEPS,
@@ -332,9 +337,11 @@ class Evidence:
         sent = self._cached_part("sent", lambda: [d.message_times for d in self.drives])
         for drive, times in zip(self.drives, sent, strict=True):
             if times is None:
+                # Schema C has no times of commands: shift its series of samples.
                 command = spread_over(getattr(drive.grid, channel), age_spread)
                 command = delay_command(command, delay, smooth=True)
             else:
+                # Else shift the times at which each value begins, see ``command_at``.
                 command = spread_over(drive.command_at(channel, times + delay), age_spread)
             out.append(first_order_lag(command, lag, "mean"))
         return out
@@ -375,6 +382,7 @@ class Evidence:
     def _grid(self, drive: RecordedDrive, p: Vehicle, q: Vehicle) -> Grid:
         """Return the measured motion at the centre of mass of q."""
         g = drive.without_mocap_effects(p, self.l_r)
+        # v_y of a point l further ahead on a rigid body is larger by l omega.
         shift = q.body.l_r - self.l_r
         return replace(g, v_y=g.v_y + shift * g.omega) if shift else g
 

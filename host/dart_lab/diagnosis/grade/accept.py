@@ -156,10 +156,13 @@ class _FitCache:
         rejected: dict[str, Rejection] = {}
         while current.names:
             candidates = self.candidates(current)
+            # 1. An impossible size first: such an effect absorbs an error of another kind, and the
+            #    others are fitted wrongly with it.
             whys = self.failures("grade", candidates)
             impossible = [n for n in whys if candidates[n].impossible]
             worst = min(impossible or current.names, key=lambda n: current.probability[n])
             if not whys:
+                # 2. Only then the test recordings, which need a fit without each effect.
                 candidates = self.candidates(current, self.costs(current))
                 whys = self.failures("test", candidates)
                 if not whys:
@@ -198,6 +201,8 @@ class _FitCache:
             if (one is None or one.why != IMPROBABLE
                     or one.probability < self.context.policy.grade.possible):
                 continue
+            # 3. An effect comes back only if no other one fails with it: this step adds, it never
+            #    exchanges.
             more = self.grade_subset({*current.names, name}, current.fit)
             if self.failures("grade", self.candidates(more)):
                 continue

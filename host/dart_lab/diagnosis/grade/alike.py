@@ -86,6 +86,7 @@ def estimate_sizes(evidence: Evidence, names: Sequence[str], point: Point, polic
         mine = rows.recording == u
         slope = g[mine]
         w = weight[mine]
+        # Least squares with a prior, for the rows of one recording: k = -(G'WG + P)^-1 G'W r.
         inverse = np.linalg.inv((slope * w[:, None]).T @ slope + prior)
         k = -inverse @ (slope.T @ (w * r[mine]))
         # Sandwich: residuals of one block are correlated, so their scores are summed first.

@@ -60,21 +60,28 @@ def probability(problem: BootstrapProblem, absent: float, draws: int, seed: int)
     -(t - b^T A^-1 s) / (c - b^T A^-1 b).
     """
     units = len(problem.normal)
+    # 1. Draw units. Those that were not drawn, a third on average, judge; a draw without any is
+    #    dropped.
     counts = drawn(np.arange(units), draws, seed)
     held_out = (counts == 0.0).astype(np.float64)
     keep = held_out.sum(axis=1) > 0.0
     counts = counts[keep]
     held_out = held_out[keep]
+    # 2. Sums over the drawn units, and the prior: (A b; b^T c) and (s, t).
     normal = np.tensordot(counts, problem.normal, 1) + np.diag(problem.prior_weight + 1e-9)
     slope = counts @ problem.slope + problem.prior_weight * problem.start
     b = normal[:, :-1, -1]
     c = normal[:, -1, -1]
+    # 3. Eliminate all coordinates but z, for all draws at once; the best z is a quotient of
+    #    scalars.
     a_inv_s, a_inv_b = np.moveaxis(np.linalg.solve(
         normal[:, :-1, :-1], np.stack([slope[:, :-1], b], axis=2)), 2, 0)
     best = -((slope[:, -1] - (b * a_inv_s).sum(axis=1))
              / (c - (b * a_inv_b).sum(axis=1)))
     with_it, without = (np.column_stack([-a_inv_s - z[:, None] * a_inv_b, z]) for z in (
         np.where(best < absent, np.nan, best), np.full(len(best), absent)))
+    # 4. Loss of both solutions on the held-out units. A size beyond -1 would reverse the sign of
+    #    the effect.
     judge_normal = np.tensordot(held_out, problem.normal, 1)
     judge_slope = held_out @ problem.slope
 
@@ -96,6 +103,8 @@ def estimate_sizes_by_recording(linear: Secants, name: str) -> tuple[tuple[float
     """
     point = linear.point
     rows = linear.rows
+    # With the other parameters projected out, the loss of a recording is quadratic in the size
+    # alone; its minimum is at 1 - sum(w d r) / sum(w d^2).
     d = point.projection(linear.coordinates[name])(linear.tangent[name])
     w = point.irls_weight
     score = np.bincount(rows.block, w * d * point.residual)

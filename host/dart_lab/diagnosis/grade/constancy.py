@@ -35,10 +35,13 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
     d = linear.tangent[name]
     project = point.projection(linear.coordinates[name])
     names, phi = size_functions(linear, policy)
+    # 1. phi_k minus its mean, weighted by the information about the size: the mean change is the
+    #    size itself, which is fitted already.
     information = w * project(d)**2
     phi = phi - (information @ phi) / max(float(information.sum()), 1e-12)
     changed = project(d[:, None] * phi)
     score = changed * (w * point.residual)[:, None]
+    # 2. Sums over units that are independent: recordings if there are enough, else blocks of time.
     unit = linear.rows.recording
     if int(unit.max()) + 1 < MANY_RECORDINGS:
         unit = linear.rows.block
@@ -49,8 +52,11 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
         return Constancy(1.0, "", (), 0.0, (policy.changes, policy.least_change))
     blocks = blocks[:, use]
     size = size[use]
+    # Newton step of the coefficient of phi_k: score over information.
     change = -blocks.sum(axis=0) / np.maximum((w @ changed**2)[use], 1e-12)
     names = [n for n, u in zip(names, use, strict=True) if u]
+    # 3. Without a change the sums are symmetric about 0, so random signs give equally likely data.
+    #    The maximum over all functions makes the p-value family-wise.
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (policy.turns, len(blocks)))
     null = np.sort((np.abs(signs @ blocks) / size).max(axis=1))
     statistic = np.abs(blocks.sum(axis=0)) / size
@@ -71,6 +77,7 @@ def _curve(linear: Secants, name: str, variable: str, bins: int = 6
     d = point.projection(linear.coordinates[name])(linear.tangent[name])
     information = w * d**2
     value = linear.features[variable]
+    # Bins along the variable, of equal information: their standard errors are then similar.
     order = np.argsort(value, kind="stable")
     share = np.cumsum(information[order]) / max(float(information.sum()), 1e-12)
     bin_of = np.empty(len(value), dtype=np.int64)

@@ -61,6 +61,7 @@ class GroupFits:
         self._names = {g: group.select(self.free) for g, group in GROUPS.items()}
         self.all_groups = frozenset(g for g, names in self._names.items() if names)
         self.phi = dispersion(full, unit)
+        # Information of the data is divided by their overdispersion phi; that of the prior is not.
         prior = np.diag(full.space.prior_weight + 1e-6)
         self.normal = (full.normal - prior) / self.phi + prior
         self._fits: dict[GroupSet, Point] = {}
@@ -111,6 +112,8 @@ class GroupFits:
 
         Without the bounds, a command younger than its message could replace a delay.
         """
+        # Around the last fit J(x + m) = J + m^T H m: its gradient is zero there. With m_out fixed,
+        # the others minimise m_in^T H_ii m_in + 2 m_in^T H_io m_out within their bounds.
         fixed = [i for g in sorted(self.all_groups - free) for i in self.coordinates(g)]
         space = self.full.space
         x = self.full.x.copy()
@@ -124,6 +127,7 @@ class GroupFits:
 
     def losses(self, free: GroupSet) -> FloatArray:
         """Return the loss (u,) of each unit; to first order if the last fit is near."""
+        # A set whose parameters hardly move needs no fit: its residuals are linear there.
         if self.rise(free) < self.policy.claims.near:
             point = self.full
             move = self._constrain(free) - self.full.x
@@ -133,6 +137,7 @@ class GroupFits:
             residual = point.residual
             move = np.zeros(len(point.x))
         by_row = point.weight * point.noise.loss(residual)
+        # The loss of the prior belongs to no unit: spread it over all rows.
         by_row = by_row + point.prior_loss(move) / len(by_row)
         return np.asarray(np.bincount(self.unit, by_row, int(self.unit.max()) + 1),
                           dtype=np.float64)
@@ -180,14 +185,18 @@ def posterior(fits: GroupFits, seed: int) -> Posterior:
             fitted[s] = float(fits.losses(s).sum()) / fits.phi + _penalty(fits, s)
         return fitted[s]
 
+    # 1. The best set by the quadratic approximation.
     best = min(approximate, key=lambda s: approximate[s])
     last = None
     while best != last:
         last = best
+        # 2. Neighbours: one group more or less, or one exchanged. An exchange is only fitted where
+        #    the approximation does not rule it out.
         swaps = [best - {a} | {b} for a in sorted(best) for b in sorted(groups - best)]
         near = [*(best ^ {g} for g in sorted(groups)),
                 *(s for s in swaps if approximate[s] < approximate[best] + policy.swap)]
         best = min([best, *near], key=criterion)
+    # 3. Sets that are far worse have no weight.
     return _posterior(fits, [s for s in fitted if fitted[s] < fitted[best] + policy.certain], seed)
 
 
@@ -216,6 +225,7 @@ def _approximate_criteria(fits: GroupFits) -> dict[GroupSet, float]:
 
 def _select_plausible(fits: GroupFits, approximate: Mapping[GroupSet, float]) -> GroupSet:
     """Return groups that are not too improbable by the approximate criteria."""
+    # exp(-c / 2), relative to the best set: unnormalised probabilities.
     least = min(approximate.values())
     weight = {s: float(np.exp(-0.5 * (c - least))) for s, c in approximate.items()}
     enough = fits.policy.claims.guessed * sum(weight.values())
@@ -230,6 +240,8 @@ def _penalty(fits: GroupFits, s: GroupSet) -> float:
     grouped = {i for g in fits.all_groups for i in fits.coordinates(g)}
     others = [i for i in range(len(fits.full.x)) if i not in grouped]
 
+    # ln det of the Schur complement H_SS - H_SO H_OO^-1 H_OS is the difference of two ln det: that
+    # of S with the others, and of the others alone.
     def log_det(some: Sequence[int]) -> float:
         return float(np.linalg.slogdet(fits.normal[np.ix_(some, some)])[1]) if len(some) else 0.0
 
@@ -239,16 +251,20 @@ def _penalty(fits: GroupFits, s: GroupSet) -> float:
 
 def posterior_weights(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> FloatArray:
     """Return the posterior (sets,), the mean over draws of units."""
+    # Bootstrap over units: each draw weighs the units by how often they were drawn, and gives a
+    # posterior; their mean is less certain than one of all units.
     losses = np.stack([fits.losses(s) for s in sets], axis=1)
     counts = draw_blocks(np.arange(len(losses)), fits.policy.claims.draws, seed)
     penalty = np.array([_penalty(fits, s) for s in sets])
     log = -counts @ losses / (2.0 * fits.phi) - 0.5 * penalty
+    # Relative to the largest, so that exp does not underflow.
     p = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray((p / p.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
 def dispersion(point: Point, unit: IntArray) -> float:
     """Return by how much the scores of units vary more than independent residuals would imply."""
+    # For independent residuals the covariance of the scores is H, so tr(H^-1 S) = k.
     scores = point.block_gradients(unit)
     scores = scores - scores.mean(axis=0)
     n = len(scores)

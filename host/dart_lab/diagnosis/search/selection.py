@@ -115,13 +115,18 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     rows = label_point_rows(evidence, point, settings.policy)
     fits = dict(fit_best_trials(point, trials, fit_effect, policy) if explanations is None
                 else explanations)
+    # 1. Residuals after the best explanation: those before would have the cause in them, and every
+    #    threshold would be too high.
     rest = lowest_loss_fit(point, fits.values()).residual
+    # 2. Gains of all effects if none is in the data.
     null = simulate_null(point, rest, trials, rows.block, settings.seed, policy.draws,
                               evidence.has_mocap)
     limits = null.gain_thresholds([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
              if not explain_failure("scan", _candidate(t, limits), settings.policy)]
+    # 3. By the loss after a fit. Trials without a fit have their change of 0, behind those that
+    #    lower the loss.
     order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
                    if t.effect in fits else 0.0)
     before = find_masked_effect(point, large, trials, limits, fits, fit_effect, policy.furthest)
@@ -132,6 +137,7 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
         p = null.p_value(trial.effect, trial.gain)
         candidate = replace(_candidate(trial, limits),
                             chosen=accepted[0].effect if accepted else "")
+        # 4. Cheap gates before the fit, the others after it.
         reason = explain_failure("scan", candidate, settings.policy)
         if not reason:
             fit = fits[trial.effect] = fits.get(trial.effect) or fit_effect(point, trial)

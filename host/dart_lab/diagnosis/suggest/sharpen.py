@@ -113,6 +113,8 @@ class ParameterInformation:
 
     def covariance(self, drive: RehearsedDrive) -> FloatArray | None:
         """Covariance (k, k) of the coordinates with the drive; None if the drive has no data."""
+        # Fisher information adds: what is known now (the identity, by the choice of coordinates)
+        # plus J'WJ of the simulated drive.
         normal = np.eye(len(self._space))  # C_0^-1: the coordinates are in prior standard errors
         has_motion = False
         for part, commands in zip(drive.choice.parts, drive.commands, strict=True):
@@ -150,6 +152,7 @@ def _select_drive(claim: Claim, information: ParameterInformation,
     best = None
     smallest = math.inf
     for drive, covariance in drives:
+        # Delta method: the variance of a quantity with gradient g is g^T C g, and g^T g now.
         ratio = [math.sqrt(float(g @ covariance @ g) / max(float(g @ g), 1e-12))
                  for g in gradients.values()]
         if max(ratio) < smallest:

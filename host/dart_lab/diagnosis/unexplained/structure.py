@@ -88,8 +88,11 @@ class StructureShares:
 
     def _family_wise(self, null: FloatArray) -> FloatArray:
         """P-values over the family of all functions; only shares that would be reported compete."""
+        # Shares of different functions have different null distributions: normal scores make them
+        # comparable before the maximum is taken.
         share = np.vstack([self.share, null])
         scores = np.where(share >= self.min_share, normal_scores(share), -np.inf)
+        # p = (1 + number of null maxima at least as large) / (1 + number of null data sets).
         chance = np.sort(scores[1:].max(axis=1))
         beaten_by = len(chance) - np.searchsorted(chance, scores[0])
         return np.asarray((1.0 + beaten_by) / (1.0 + len(chance)))
@@ -165,6 +168,8 @@ def _search_significant(groups: list[ResidualGroup], seed: int, level: float,
                         policy: UnexplainedPolicy) -> StructureShares | None:
     """Compute shares with many flips; with a tenth of them if nothing can be significant."""
     found = None
+    # A tenth of the flips is enough to see that nothing can be significant, which is so for most
+    # data.
     for flips, max_p_value in ((1.0, policy.doubted * level), (10.0, level)):
         found = _compute_shares(groups, seed, math.ceil(flips / level) - 1, policy)
         if found is None or not ((found.p_values(policy.sharp) <= max_p_value)
@@ -187,6 +192,7 @@ def explained_shares(groups: list[ResidualGroup], seed: int = 0,
     for channel in out:
         own = [k for k in range(len(found.functions)) if found.functions[k][0] == channel]
         if own:
+            # The best of many functions explains a share of pure noise, too: subtract its median.
             chance = float(np.median(found.flipped[:, own].max(axis=1)))
             out[channel] = float(np.clip(found.share[own].max() - max(chance, 0.0), 0.0, 1.0))
     return out
@@ -197,6 +203,7 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
     """Compute the shares of every function of every group, observed and for sign flips."""
     labels = np.unique(np.concatenate([group.block for group in groups]))
     rng = np.random.default_rng(seed)
+    # One sign for a block in all groups: what the groups have in common stays in the null data.
     signs = rng.choice([-1.0, 1.0], (flips, len(labels)))
     names: list[tuple[str, tuple[str, ...]]] = []
     tables = []
@@ -208,6 +215,8 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
             table, variable_sets = _group_shares(group, block, own_signs, rng, policy)
             tables.append(table)
             known = np.clip(group.y.var(axis=0), 1e-12, 1.0)
+            # Shares below these limits are of no use: of the whole variance, or of the error of a
+            # sound sensor.
             floor = np.array([_tolerance(c, policy) for c in group.channels])
             variance = np.maximum(((group.y * group.size)**2).mean(axis=0), 1e-12)
             min_shares.append(np.tile(np.maximum(policy.share / known, floor**2 / variance),
@@ -276,6 +285,8 @@ def _centre(group: ResidualGroup, clip: float) -> FloatArray:
 def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator,
            policy: UnexplainedPolicy) -> tuple[IntArray, IntArray]:
     """Test folds of blocks, and of whole recordings if there are enough, (n,) both."""
+    # Random folds of blocks, and folds of whole recordings: these test whether a function also
+    # holds in another recording.
     within = rng.permutation(np.arange(block.max() + 1) % policy.folds)[block]
     _, recording = np.unique(group.recording, return_inverse=True)
     if recording.max() + 1 < policy.recordings:
