@@ -201,15 +201,18 @@ def same_numbers(one: Answer, other: Answer) -> bool:
 def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
     """A Markdown page: one row for each threshold."""
     lines = ["# What half and double of a threshold do", "",
+             "What half and double of each threshold of the diagnosis change. "
              f"Figures of {date.today():%B %Y}: {len(wanted)} cases of the "
-             "[campaign](campaign.md), 60 s to learn from and 40 s to judge by.", "",
+             "[campaign](campaign.md), 60 s for training and 40 s for testing.", "",
              "```sh", "python -m studies.diagnosis.policy_sensitivity", "```", "",
-             "*Acts in*: cases in which half or double changes a comparison or an array. "
-             "*Repeated*: diagnoses with half and double. *Numbers*: those of them in which any "
-             "number of the answer differs. *Answer*: verdict, causes, parameters or structure "
-             "differ. *Right*, *wrong*: by how many the outcomes of those cases change, at half "
-             "and at double. No outcome and no repetition: not measured yet; the command goes on "
-             "where it was left.", "", summarise(wanted, known), "",
+             "| column | content |", "|---|---|",
+             "| acts in | cases in which half or double changes a comparison or an array |",
+             "| repeated | diagnoses with half and double; 0: not measured yet, the command "
+             "resumes |",
+             "| numbers | those of them in which any number of the answer differs |",
+             "| answer | those in which verdict, causes, parameters or structure differ |",
+             "| right, wrong | change of the outcomes of those cases, at half and at double |", "",
+             summarise(wanted, known), "",
              "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
              "|---|---:|---:|---:|---:|---:|---:|---:|"]
     for name in list_thresholds():
@@ -231,9 +234,8 @@ def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
                 if any(score(c, a).outcome != score(c, b).outcome for c, a, b in found)]
     idle = [name for name, found in lines.items() if all(same_numbers(a, b) for _, a, b in found)]
     return (f"Of {len(list_thresholds())} thresholds {len(lines)} were repeated, in "
-            f"{sum(map(len, lines.values()))} diagnoses. {len(decisive)} change an outcome: "
-            f"{', '.join(f'`{n}`' for n in decisive)}. {len(idle)} change no number: "
-            f"{', '.join(f'`{n}`' for n in idle)}.")
+            f"{sum(map(len, lines.values()))} diagnoses. {len(decisive)} change an outcome "
+            f"(columns *right* and *wrong*), {len(idle)} change no number (column *numbers*).")
 
 
 def make_row(name: str, wanted: Sequence[Case], known: dict[str, Answer]) -> str:

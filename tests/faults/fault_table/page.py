@@ -71,8 +71,8 @@ def text() -> str:
                          f"{' + '.join(case.control)} | "
                          f"{_format_figure(own, 'control', case.unit)} |")
     lines += ["", "## Layers and their switches\n",
-              "Each is one line of the suite: a name of the product that is replaced, or sources",
-              "of the firmware that are changed before an image is built. The product has none.\n",
+              "The suite removes a layer by replacing a name of the product, or by changing",
+              "sources of the firmware before the build. The product itself has no such switch.\n",
               "| layer | what it does | what is taken away |", "|---|---|---|"]
     for layer in LAYERS.values():
         where = f"`{layer.target}`" if layer.target else ", ".join(
