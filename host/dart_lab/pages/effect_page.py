@@ -9,12 +9,10 @@ from dart_hal.vehicle.effects import equation_text, order_key, own_effects
 
 EFFECTS_HEAD = """# Effects
 
-Each entry is one physical cause that a base model lacks. The simulator injects an effect, the
-diagnosis looks for it, an extended `model.toml` contains it. At its null value an effect changes
-no bit of the result. Several effects act in the order of the stages below, not in that of their
-names in a file. Effects on forces need tyres: the kinematic bicycle has none and does not change.
-Those on pulses, duty cycle and battery are refused for a motor with a speed loop
-([drive forms](car-files.md#drive-forms)); the diagnosis does not try them there.
+Each entry is one physical cause that a base model lacks. The simulator injects it, the diagnosis
+looks for it, an extended `model.toml` contains it. At null an effect changes no bit. Several
+effects act in the order of the stages below. Option and URL: `quadratic_drag:0.1`, or with several
+parameters `encoder_ring:missing=0.05:phase=0.2`; separate effects by commas.
 
 ```toml
 [[effects]]
@@ -22,12 +20,16 @@ name = "quadratic_drag"
 parameters = { k = { value = 0.1, std = 0.02 } }
 ```
 
-In a URL or an option: `quadratic_drag:0.1`, several with commas; where an effect has several
-parameters, `encoder_ring:missing=0.05:phase=0.2`. *Sizes* are a small, a medium and a large
-difference from null, of either sign if the interval allows it; the tests hide these. A fit keeps a
-parameter between *from* and *to*. A size on an end of that interval, or outside its *physical*
-range, is never accepted as a cause. This page is generated from `dart_hal/vehicle/effects/`
-(`dart-hal wire --write`).
+| column, term | meaning |
+|---|---|
+| from, to | interval of a fit |
+| physical | a size outside, or at the end of the interval, is never accepted as a cause |
+| sizes | a small, a medium and a large difference from null; the tests hide either sign |
+| looks like | effects with similar traces; each section has the drive that distinguishes them |
+| not for speed loops | refused and not tried for a [speed loop](car-files.md#drive-forms) |
+
+Effects on forces need tyres; the kinematic bicycle does not change.
+Generated from `dart_hal/vehicle/effects/` (`dart-hal wire --write`).
 """
 
 # Characters of a line of the page.
@@ -48,19 +50,24 @@ def render_effects() -> str:
     parts = [EFFECTS_HEAD]
     for stage in EFFECT_STAGES:
         mine = [e for e in effects if e.stage == stage]
-        parts.append(f"## {stage.capitalize()}\n\n{STAGE_TEXT[stage]}\n\n"
-                     + " · ".join(f"[{e.name}](#{e.name})" for e in mine) + "\n")
+        rows = [f"| {_link(e.name)} | {', '.join(map(_link, e.confused_with))} |" for e in mine]
+        parts.append("\n".join([f"## {stage.capitalize()}", "", STAGE_TEXT[stage], "",
+                                "| effect | looks like |", "|---|---|", *rows, ""]))
         parts += [render_effect(e) for e in mine]
     return "\n".join(parts)
+
+
+def _link(name: str) -> str:
+    """Return a link to the section of an effect."""
+    return f"[{name}](#{name})"
 
 
 def render_effect(effect: Effect) -> str:
     """Return the section of an effect: physics, equation, parameters, distinguishing drive."""
     rows = "\n".join(map(_render_row, effect.parameters))
-    confounders = ", ".join(f"[{name}](#{name})" for name in effect.confused_with)
-    limit = " Not for a motor with a speed loop." if effect.duty_only else ""
+    limit = " Not for speed loops." if effect.duty_only else ""
     physics = textwrap.fill(f"The car {effect.title}. {effect.physics}{limit}", LINE_WIDTH)
-    experiment = textwrap.fill(f"To distinguish them: {effect.experiment}", LINE_WIDTH)
+    experiment = textwrap.fill(f"To distinguish: {effect.experiment}", LINE_WIDTH)
     return f"""### {effect.name}
 
 {physics}
@@ -73,7 +80,6 @@ def render_effect(effect: Effect) -> str:
 |---|---|---|---|---|---|---|---|
 {rows}
 
-Looks like {confounders}.
 {experiment}
 """
 

@@ -33,9 +33,8 @@ EFFECT = Effect(
     title="loses or gains motor force during a drive",
     signed_titles=("loses motor force during a drive", "gains motor force during a drive"),
     physics=(
-        "The voltage of a battery drops while it is drained. The motor warms, and the "
-        "resistance of its winding rises. The force falls in proportion to time, for every "
-        "throttle."),
+        "The battery's voltage drops, and the warm winding has more resistance. The force falls "
+        "in proportion to time."),
     stage="actuator",
     duty_only=True,
     acts_along=("time", "throttle"),
@@ -43,7 +42,7 @@ EFFECT = Effect(
                           meaning="change of the motor force in 100 s of driving"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),
     experiment=(
-        "The same throttle step from standstill and the same coasting, at the start and at the "
-        "end of a long drive. If the battery is the cause, coasting does not change."),
+        "Throttle steps and coasting, at the start and the end of a long drive. Coasting does not "
+        "change."),
     signals={"throttle": Static(fade_throttle)},
 )

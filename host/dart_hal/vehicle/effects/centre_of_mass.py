@@ -25,15 +25,14 @@ EFFECT = Effect(
         "has its weight further back than the model",
         "has its weight further forward than the model"),
     physics=(
-        "A battery inserted the other way round moves it by a centimetre. The moments of both "
-        "axles change, and with them the yaw response."),
+        "A battery inserted the other way round moves it by a centimetre."),
     stage="motion",
     acts_along=("lateral_acceleration", "yaw_rate"),
     parameters=(Parameter("k", "m", -0.05, 0.05, sizes=(0.003, 0.006, 0.012),
                           meaning="distance of the centre of mass ahead of the model's"),),
     confused_with=("front_grip", "mocap_offset_x", "yaw_inertia", "grip"),
     experiment=(
-        "Weigh both axles on kitchen scales. Or drive circles at rising speed: the balance of "
-        "front and rear changes. A marker in the wrong place already shows in slow circles."),
+        "Weigh both axles. Or drive circles at rising speed: the balance of front and rear "
+        "changes. A misplaced marker already shows in slow circles."),
     vehicle=vehicle,
 )

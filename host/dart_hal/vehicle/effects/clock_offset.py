@@ -17,15 +17,15 @@ EFFECT = Effect(
     title="has sensors whose clock is not that of commands and motion capture",
     signed_titles=("has sensors whose stamps are early", "has sensors whose stamps are late"),
     physics=(
-        "Microcontroller and computer have a clock each. A wrong fit between the clocks shifts "
-        "all sensors on the car by the same time against commands and poses."),
+        "A wrong fit between the clocks of microcontroller and computer shifts all sensors on the "
+        "car."),
     stage="measurement",
     acts_along=("acceleration", "steering_rate"),
     parameters=(Parameter("k", "s", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="time by which the stamps of the sensors are late"),),
     confused_with=("gyro_latency", "encoder_latency", "mocap_latency"),
     experiment=(
-        "Turn and push the car at rest by hand. If gyro and encoder are shifted by the same "
-        "time against the poses, the clock is wrong; if only one is shifted, it has a latency."),
+        "Turn and push the car by hand. A clock shifts gyro and encoder equally against the "
+        "poses, a latency only one."),
     signals={"wheel": PureDelay(seconds), "gyro": PureDelay(seconds), "accel": PureDelay(seconds)},
 )

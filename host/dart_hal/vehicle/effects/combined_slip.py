@@ -34,7 +34,7 @@ EFFECT = Effect(
     name="combined_slip",
     title="holds its line less well under drive force than the model",
     physics=(
-        "Friction has one limit for both directions. A tyre that drives or brakes has less side "
+        "Friction has one limit for both directions: a driving or braking tyre has less side "
         "force."),
     stage="force",
     acts_along=("lateral_acceleration",),
@@ -42,8 +42,7 @@ EFFECT = Effect(
                           meaning="share of the squared side force lost at 3 N of drive force"),),
     confused_with=("load_transfer", "rear_saturation", "grip", "cornering_drag"),
     experiment=(
-        "A circle at constant speed, then the same circle with acceleration and with coasting "
-        "through the same speed: only the drive force differs. Load transfer changes sign "
-        "between the two, combined slip does not."),
+        "A circle with acceleration and with coasting through the same speed. Load transfer "
+        "changes sign between the two, combined slip does not."),
     force=force,
 )

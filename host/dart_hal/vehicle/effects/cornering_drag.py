@@ -29,9 +29,8 @@ EFFECT = Effect(
     name="cornering_drag",
     title="loses speed with turned wheels more than the model",
     physics=(
-        "Wheels that do not follow one circle scrub over the floor, and the joints of the drive "
-        "shafts resist at an angle. The force against the motion is proportional to the "
-        "steering angle."),
+        "Wheels that do not follow one circle scrub, and angled joints of the drive shafts "
+        "resist."),
     stage="force",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0),
@@ -40,7 +39,7 @@ EFFECT = Effect(
                           meaning="share of the drag that acts along the steered wheels")),
     confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),
     experiment=(
-        "Coasting from low speed on circles of several radii and on a straight. The loss "
-        "depends on the angle even when the car is slow and the tyres do not slip."),
+        "Coasting from low speed on several radii and on a straight. The loss depends on the "
+        "angle even without tyre slip."),
     force=force,
 )

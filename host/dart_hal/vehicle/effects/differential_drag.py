@@ -26,16 +26,15 @@ EFFECT = Effect(
     name="differential_drag",
     title="resists being turned more than the model",
     physics=(
-        "A locked or stiff differential drives inner and outer wheel at the same speed. In a "
-        "curve they slip against each other, which makes a moment against the curve. It depends "
-        "on the radius and not on the speed."),
+        "A stiff differential drives inner and outer wheel at one speed. Their slip makes a "
+        "moment against the curve, independent of speed."),
     stage="force",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "N m2", 0.0, 0.5, sizes=(0.01, 0.02, 0.04),
                           meaning="moment against turning per 1/m of curvature"),),
     confused_with=("yaw_damping", "cornering_drag", "steering_gain", "front_grip"),
     experiment=(
-        "Circles of the same command from walking pace to fast. This moment also widens the "
-        "slow circle; damping and grip do not."),
+        "Circles of one command from walking pace to fast. The slow circle widens too; damping "
+        "and grip do not act there."),
     force=force,
 )

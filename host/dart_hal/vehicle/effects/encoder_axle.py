@@ -33,8 +33,7 @@ EFFECT = Effect(
     name="encoder_axle",
     title="has an encoder that the front axle turns as well",
     physics=(
-        "With four driven wheels the shaft at the encoder turns with the mean of both axles. "
-        "The steered wheels run on a larger circle, so the reading is higher in tight turns."),
+        "With four driven wheels the encoder's shaft turns with the mean of both axles."),
     stage="measurement",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
@@ -42,7 +41,7 @@ EFFECT = Effect(
                           physical=(0.0, 1.0)),),
     confused_with=("encoder_scale", "encoder_slip"),
     experiment=(
-        "Slow circles at full lock to both sides, and a straight at the same speed. A scale "
-        "error is the same everywhere; the front axle raises the reading only in circles."),
+        "Slow circles at full lock and a straight at one speed. A scale error is always the same; "
+        "the front axle acts only in circles."),
     signals={"wheel": Static(read_both_axles)},
 )

@@ -43,9 +43,8 @@ EFFECT = Effect(
     name="encoder_ring",
     title="has an encoder ring with bad marks",
     physics=(
-        "A mark that fell off or is dirty leaves a gap in every turn of the gear. A mark that "
-        "bounces counts twice. An eccentric ring has its marks closer on one side. The speed "
-        "ripples with the angle of the gear, and a gap lowers its mean."),
+        "A missing or dirty mark leaves a gap, a bouncing one counts twice, an eccentric ring has "
+        "closer marks on one side. The speed ripples with the gear's angle."),
     stage="measurement",
     acts_along=("revolution_angle",),
     parameters=(
@@ -58,7 +57,7 @@ EFFECT = Effect(
                   alone=False)),
     confused_with=("encoder_scale",),
     experiment=(
-        "Roll slowly and steadily, below 0.4 m/s: a window of 0.1 s is then less than a turn, "
-        "and the ripple shows the ring mark by mark."),
+        "Roll steadily below 0.4 m/s: a window of 0.1 s is less than a turn, and the ripple shows "
+        "each mark."),
     signals={"wheel": Static(read_ring)},
 )

@@ -23,16 +23,14 @@ EFFECT = Effect(
     name="encoder_slip",
     title="turns its wheels faster than it moves under drive force",
     physics=(
-        "A tyre transmits force only with a small slip, proportional to the force. Under drive "
-        "the encoder reads more than the true speed, under braking less."),
+        "A tyre transmits force only with a small slip, proportional to the force."),
     stage="measurement",
     acts_along=("acceleration", "throttle"),
     parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
                           meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),
     experiment=(
-        "Accelerate hard and coast on one straight. The error changes sign with the force at "
-        "the same speed. The error of a latency also follows the change of speed, but not the "
-        "speed itself."),
+        "Accelerate hard and coast on one straight. The error changes sign with the force; that "
+        "of a latency follows the change of speed."),
     signals={"wheel": Static(add_slip)},
 )

@@ -22,15 +22,14 @@ EFFECT = Effect(
         "has less grip at its front wheels than the model",
         "has more grip at its front wheels than the model"),
     physics=(
-        "Front tyres wear faster than rear tyres. A load on one axle changes the grip of that "
-        "axle only."),
+        "Front tyres wear faster, and a load changes the grip of its axle only."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of the front tyres"),),
     confused_with=("grip", "steering_compliance", "steering_gain", "load_transfer"),
     experiment=(
-        "Circles of the same command at rising speed, with the side velocity of the body. Front "
-        "grip changes the radius; the slip of the rear axle at a given radius does not change."),
+        "Circles of one command at rising speed. Front grip changes the radius, not the rear slip "
+        "at a radius."),
     vehicle=vehicle,
 )

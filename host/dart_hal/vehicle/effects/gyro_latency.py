@@ -16,15 +16,13 @@ EFFECT = Effect(
     name="gyro_latency",
     title="has a gyro whose yaw rate is delayed",
     physics=(
-        "The filter in the chip (32 Hz on a BNO055) and the time until it is read delay the yaw "
-        "rate."),
+        "The chip's filter (32 Hz on a BNO055) and the time until the read delay the rate."),
     stage="measurement",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional age of the gyro's yaw rate"),),
     confused_with=("clock_offset", "mocap_latency", "steering_lag"),
     experiment=(
-        "Alternate the steering from side to side, recorded with encoder and motion capture: "
-        "only the gyro is delayed."),
+        "Steer from side to side, with encoder and motion capture: only the gyro is delayed."),
     signals={"gyro": PureDelay(seconds)},
 )

@@ -26,15 +26,14 @@ EFFECT = Effect(
         "has a gyro that reads turns too small",
         "has a gyro that reads turns too large"),
     physics=(
-        "The sensitivity of a micromechanical gyro is trimmed to a few percent at the "
-        "factory."),
+        "The sensitivity of a micromechanical gyro is trimmed to a few percent."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="excess of the gyro's yaw rate"),),
     confused_with=("steering_gain", "gyro_bias", "imu_pitch", "imu_roll"),
     experiment=(
-        "Ten whole turns to each side by hand against a line on the floor. The error of a bias "
-        "has the same sign to both sides, that of a scale does not."),
+        "Ten whole turns to each side by hand. A bias has the same sign on both sides, a scale "
+        "does not."),
     signals={"gyro": Static(scale_rate)},
 )

@@ -28,17 +28,15 @@ EFFECT = Effect(
         "has an IMU behind its centre of mass",
         "has an IMU ahead of its centre of mass"),
     physics=(
-        "Away from the centre of mass an accelerometer also measures the rotation: outwards "
-        "with the square of the yaw rate, sideways with its derivative. k is positive ahead of "
-        "the centre."),
+        "There an accelerometer also measures the rotation: outwards with the square of the yaw "
+        "rate, sideways with its derivative."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.2, 0.2, sizes=(0.02, 0.05, 0.1),
                           meaning="distance of the IMU ahead of the centre of mass"),),
     confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),
     experiment=(
-        "Measure the position with a ruler. Or drive steady fast circles to both sides: the "
-        "forward acceleration has the same sign in both and grows with the square of the yaw "
-        "rate."),
+        "Use a ruler. Or drive fast circles to both sides: the forward acceleration has one sign "
+        "and grows with the square of the yaw rate."),
     signals={"accel": Static(accel)},
 )

@@ -25,16 +25,15 @@ EFFECT = Effect(
     title="has an IMU to the left or right of its middle",
     signed_titles=("has an IMU to the right of its middle", "has an IMU to the left of its middle"),
     physics=(
-        "Off the middle of the car an accelerometer measures a side acceleration with the "
-        "square of the yaw rate, of the same sign in either turn. k is positive to the left."),
+        "There an accelerometer measures a side acceleration with the square of the yaw rate, of "
+        "one sign in either turn."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05),
                           meaning="distance of the IMU to the left of the middle"),),
     confused_with=("imu_roll", "imu_lever_arm"),
     experiment=(
-        "Measure the position with a ruler. Or drive steady fast circles to both sides: the "
-        "side acceleration has the same sign in both and grows with the square of the yaw rate. "
-        "That of a tilted IMU remains when the car is at rest."),
+        "Use a ruler. Or drive fast circles to both sides: the side acceleration has one sign. "
+        "That of a tilted IMU remains at rest."),
     signals={"accel": Static(accel)},
 )

@@ -33,15 +33,14 @@ EFFECT = Effect(
     title="has an IMU that is tilted forwards or backwards",
     signed_titles=("has an IMU that is tilted backwards", "has an IMU that is tilted forwards"),
     physics=(
-        "A board on foam tape or a bent plate is never level. One degree adds 0.17 m/s2 of "
-        "gravity to the forward axis, like a constant acceleration. Positive: nose down."),
+        "A bent plate is never level. One degree adds 0.17 m/s2 of gravity to the forward axis."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, nose down"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_roll"),
     experiment=(
-        "Measure at rest, turn the car by hand to the opposite heading and measure again: a "
-        "tilted IMU reads the same, a sloping floor the opposite."),
+        "Measure at rest in two opposite headings: a tilted IMU reads the same, a sloping floor "
+        "the opposite."),
     signals={"accel": Static(accel), "gyro": Static(gyro)},
 )

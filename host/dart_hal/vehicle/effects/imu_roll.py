@@ -35,15 +35,14 @@ EFFECT = Effect(
         "has an IMU that is tilted to the left",
         "has an IMU that is tilted to the right"),
     physics=(
-        "A board on foam tape or a bent plate is never level. One degree adds 0.17 m/s2 of "
-        "gravity to the side axis, like a constant curve. Positive: left side up."),
+        "A bent plate is never level. One degree adds 0.17 m/s2 of gravity to the side axis."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, left side up"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_pitch"),
     experiment=(
-        "Measure at rest, turn the car by hand to the opposite heading and measure again: a "
-        "tilted IMU reads the same, a sloping floor the opposite."),
+        "Measure at rest in two opposite headings: a tilted IMU reads the same, a sloping floor "
+        "the opposite."),
     signals={"accel": Static(accel), "gyro": Static(gyro)},
 )

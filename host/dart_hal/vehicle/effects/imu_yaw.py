@@ -29,8 +29,7 @@ EFFECT = Effect(
         "has an IMU that is turned to the right",
         "has an IMU that is turned to the left"),
     physics=(
-        "A misaligned board mixes forward and side acceleration. The yaw rate of the gyro does "
-        "not change."),
+        "A misaligned board mixes forward and side acceleration, but not the yaw rate."),
     stage="measurement",
     acts_along=("acceleration", "lateral_acceleration"),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
@@ -38,6 +37,6 @@ EFFECT = Effect(
     confused_with=("imu_lever_arm",),
     experiment=(
         "Accelerate and brake hard on a straight. A side acceleration that follows the forward "
-        "one shows the angle; that of a lever arm is zero unless the car turns."),
+        "one shows the angle; a lever arm acts only in turns."),
     signals={"accel": Static(accel)},
 )

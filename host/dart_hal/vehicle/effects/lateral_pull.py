@@ -26,16 +26,14 @@ EFFECT = Effect(
     title="pulls to one side",
     signed_titles=("pulls to the right", "pulls to the left"),
     physics=(
-        "A wheel that drags, or tyres of different size left and right: the resistance on one "
-        "side of the car turns it to that side."),
+        "One wheel drags, or the tyres differ between left and right."),
     stage="force",
     acts_along=("speed",),
     parameters=(Parameter("k", "N m", -0.2, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment that turns the moving car to the left"),),
     confused_with=("steering_trim", "gyro_bias", "mocap_yaw", "road_slope_x", "road_slope_y"),
     experiment=(
-        "Straight drives in both directions of the hall, forwards and in reverse. A pull keeps "
-        "its side of the car, a slope its side of the hall. A trim has the same effect at "
-        "walking pace as at speed."),
+        "Straight drives in both directions, forwards and in reverse. A pull keeps its side of "
+        "the car, a slope its side of the hall; a trim acts at walking pace too."),
     force=force,
 )

@@ -31,15 +31,15 @@ EFFECT = Effect(
     name="load_transfer",
     title="shifts grip between its axles when it speeds up or slows down",
     physics=(
-        "The centre of mass is above the floor: a load of a_x m h / l moves between the axles, "
-        "and side force grows with load. k is nearly the height over half the wheelbase."),
+        "A load of a_x m h / l moves between the axles. k is nearly the height of the centre of "
+        "mass over half the wheelbase."),
     stage="force",
     acts_along=("acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.4, 0.8),
                           meaning="share of the side force that 1 g moves to the rear axle"),),
     confused_with=("combined_slip", "front_grip", "yaw_damping"),
     experiment=(
-        "The same circle with hard acceleration and with coasting, through the same speed: the "
-        "radius grows with acceleration and shrinks with coasting."),
+        "One circle with hard acceleration and with coasting through the same speed: the radius "
+        "grows, then shrinks."),
     force=force,
 )

@@ -23,15 +23,14 @@ EFFECT = Effect(
     title="is heavier or lighter than the model",
     signed_titles=("is lighter than the model", "is heavier than the model"),
     physics=(
-        "A battery, a sensor or a mast that was not weighed: all forces accelerate the car "
-        "less."),
+        "A battery, sensor or mast was not weighed."),
     stage="motion",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "relative", -0.4, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the mass"),),
     confused_with=("motor_gain", "rolling_resistance", "grip", "throttle_lag"),
     experiment=(
-        "Weigh the car on kitchen scales. Or coast and accelerate on one straight: mass changes "
-        "both by the same factor, the motor only one."),
+        "Weigh the car. Or coast and accelerate: mass changes both by one factor, the motor only "
+        "one."),
     vehicle=vehicle,
 )

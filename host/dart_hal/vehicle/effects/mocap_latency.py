@@ -24,7 +24,6 @@ EFFECT = Effect(
                           meaning="additional age of the poses"),),
     confused_with=("steering_delay", "throttle_delay", "clock_offset"),
     experiment=(
-        "Turn the car at rest by hand to both sides: comparing the gyro with the yaw rate of "
-        "the pose shows the latency, without command or actuator."),
+        "Turn the car by hand: the gyro against the yaw rate of the pose shows the latency."),
     signals={"pose": PureDelay(seconds)},
 )

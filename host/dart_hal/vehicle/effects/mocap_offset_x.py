@@ -27,15 +27,15 @@ EFFECT = Effect(
         "carries its marker further back than was measured",
         "carries its marker further ahead than was measured"),
     physics=(
-        "Motion capture tracks a marker, whose position on the car is measured with a ruler, if "
-        "at all. Rotation then looks like side velocity, proportional to the yaw rate."),
+        "The marker's position is measured by ruler at best. Rotation then looks like side "
+        "velocity."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker ahead of its stated position"),),
     confused_with=("centre_of_mass", "mocap_offset_y"),
     experiment=(
-        "Turn the car on the spot by hand: the marker moves on a circle whose radius is its "
-        "distance from the axis of rotation. Or drive very slow circles, where no tyre slips."),
+        "Turn the car on the spot by hand: the radius of the marker's circle is its distance. Or "
+        "drive very slow circles."),
     signals={"pose": Static(pose)},
 )

@@ -27,15 +27,14 @@ EFFECT = Effect(
         "carries its marker further right than was measured",
         "carries its marker further left than was measured"),
     physics=(
-        "A marker to one side of the middle is faster in a curve to the other side: the forward "
-        "speed seems to change with the yaw rate."),
+        "Such a marker is faster in a curve to the other side."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker to the left of its stated position"),),
     confused_with=("mocap_offset_x", "cornering_drag"),
     experiment=(
-        "Slow circles to the left and to the right, compared with the encoder. The speed of the "
-        "pose is too low on one side and too high on the other; drag is the same on both."),
+        "Slow circles to both sides, compared with the encoder. The speed is too low on one side "
+        "and too high on the other; drag acts equally."),
     signals={"pose": Static(pose)},
 )

@@ -27,15 +27,15 @@ EFFECT = Effect(
         "carries its marker turned to the right",
         "carries its marker turned to the left"),
     physics=(
-        "The axes of a marker are those at its registration. Driving straight ahead then looks "
-        "like side velocity, proportional to speed."),
+        "The axes of a marker are those at its registration. Driving straight then looks like "
+        "side velocity, proportional to speed."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03),
                           meaning="rotation of the marker to the left"),),
     confused_with=("steering_trim", "lateral_pull"),
     experiment=(
-        "Straight drives forwards and in reverse. The side velocity changes its sign with the "
-        "speed and the car does not turn; with a trim it turns."),
+        "Straight drives forwards and in reverse. The side velocity changes sign with the speed, "
+        "without a turn; a trim turns the car."),
     signals={"pose": Static(pose)},
 )

@@ -22,8 +22,8 @@ EFFECT = Effect(
         "begins to pull at less throttle than the model",
         "begins to pull at more throttle than the model"),
     physics=(
-        "The neutral of the ESC drifts with temperature and depends on how it was calibrated. "
-        "Brushes and gears stick until the torque is large enough."),
+        "The neutral of the ESC depends on temperature and calibration. Brushes and gears stick "
+        "at small torque."),
     stage="actuator",
     duty_only=True,
     acts_along=("throttle", "acceleration"),
@@ -31,7 +31,7 @@ EFFECT = Effect(
                           meaning="additional throttle at which the motor begins to pull"),),
     confused_with=("motor_gain", "rolling_resistance", "pwm_clock"),
     experiment=(
-        "Steady speeds on a straight at many levels of throttle, above all small ones. A dead "
-        "band shifts the curve of speed over throttle, a gain changes its slope."),
+        "Steady speeds at many small throttle levels. A dead band shifts the curve of speed over "
+        "throttle, a gain changes its slope."),
     vehicle=vehicle,
 )

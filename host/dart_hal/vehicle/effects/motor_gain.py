@@ -26,8 +26,8 @@ EFFECT = Effect(
     title="has a stronger or weaker motor than the model",
     signed_titles=("has a weaker motor than the model", "has a stronger motor than the model"),
     physics=(
-        "The force is proportional to the battery voltage: full and half empty differ by 15 %. "
-        "It is a property of a drive and not of the car."),
+        "The force is proportional to the battery voltage: full and half empty differ by 15 %. It "
+        "belongs to a drive, not to the car."),
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(
@@ -36,7 +36,7 @@ EFFECT = Effect(
     confused_with=(
         "battery_fade", "quadratic_drag", "rolling_resistance", "mass", "motor_deadband"),
     experiment=(
-        "Throttle steps from standstill and coasting on the same straight, with a full and with "
-        "a half empty battery. A weak motor does not change coasting; drag and mass do."),
+        "Throttle steps and coasting with a full and a half empty battery. Drag and mass change "
+        "coasting; a weak motor does not."),
     vehicle=vehicle,
 )

@@ -23,8 +23,7 @@ EFFECT = Effect(
     name="motor_saturation",
     title="does not pull harder above a level of throttle",
     physics=(
-        "The ESC limits its current, or an end point of the radio's throttle was calibrated too "
-        "low."),
+        "The ESC limits its current, or the end point of the radio's throttle is too low."),
     stage="actuator",
     duty_only=True,
     acts_along=("throttle", "acceleration"),
@@ -32,7 +31,7 @@ EFFECT = Effect(
                           meaning="inverse of the throttle above which the force is constant"),),
     confused_with=("motor_gain", "quadratic_drag", "throttle_lag"),
     experiment=(
-        "Throttle steps from standstill to rising levels, beyond 0.4: the first acceleration no "
-        "longer grows. Drag has an effect only at speed."),
+        "Throttle steps from standstill beyond 0.4: the first acceleration no longer grows. Drag "
+        "acts only at speed."),
     signals={"throttle": Static(limit_throttle)},
 )

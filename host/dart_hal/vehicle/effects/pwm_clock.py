@@ -40,9 +40,8 @@ EFFECT = Effect(
         "receives pulses that are too short",
         "receives pulses that are too long"),
     physics=(
-        "The PCA9685 counts an RC oscillator of 25 MHz +- 4 %. A slow oscillator lengthens "
-        "every pulse: the neutral of the servo moves to the left and that of the motor "
-        "forwards, together."),
+        "The RC oscillator of the PCA9685 is within 25 MHz +- 4 %. A slow one moves the servo's "
+        "neutral to the left, the motor's forwards."),
     stage="command",
     duty_only=True,
     acts_along=("throttle", "steering_angle"),
@@ -50,8 +49,7 @@ EFFECT = Effect(
                           meaning="excess length of the pulses"),),
     confused_with=("steering_trim", "motor_deadband", "motor_gain"),
     experiment=(
-        "Straight drives with two levels of throttle: the clock moves trim and dead band "
-        "together, in the ratio 375 to 450. A counter on the PWM pin measures it directly "
-        "(hardware/README.md, PWM clock)."),
+        "Straight drives at two throttle levels: the clock moves trim and dead band in the ratio "
+        "375 to 450. Or count on the PWM pin (hardware/README.md, PWM clock)."),
     signals={"steering": Static(steering), "throttle": Static(throttle)},
 )

@@ -36,8 +36,8 @@ EFFECT = Effect(
     name="pwm_quantisation",
     title="moves steering and motor in steps",
     physics=(
-        "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us, which is 0.013 of the steering "
-        "command. A driver that truncates to whole counts lowers the mean by half a step."),
+        "A PCA9685 at 50 Hz has steps of 4.88 us, 0.013 of the steering command. Truncation "
+        "lowers the mean by half a step."),
     stage="command",
     duty_only=True,
     acts_along=("steering_angle",),
@@ -48,7 +48,7 @@ EFFECT = Effect(
                   meaning="0 if counts are truncated, 0.5 if they are rounded", alone=False)),
     confused_with=("steering_backlash", "steering_trim", "motor_deadband"),
     experiment=(
-        "A slow ramp of the steering command at constant speed, up and down. Steps are at the "
-        "same commands in both directions; backlash makes a loop."),
+        "Ramp the steering slowly up and down. Steps are at the same commands in both directions; "
+        "backlash makes a loop."),
     signals={"steering": Static(quantise), "throttle": Static(throttle)},
 )

@@ -19,14 +19,14 @@ EFFECT = Effect(
     name="quadratic_drag",
     title="is slowed down at speed more than the model",
     physics=(
-        "Air, and any other resistance of the drive train that grows faster than the speed."),
+        "Air, and any resistance that grows faster than the speed."),
     stage="force",
     acts_along=("speed",),
     parameters=(Parameter("k", "N s2/m2", 0.0, 2.0, sizes=(0.03, 0.08, 0.2),
                           meaning="drag per squared speed"),),
     confused_with=("rolling_resistance", "motor_gain", "cornering_drag", "battery_fade"),
     experiment=(
-        "Coasting from the highest speed that the hall allows. The loss of speed over speed "
-        "shows the exponent, and no motor is involved."),
+        "Coasting from the highest speed of the hall. The loss over speed shows the exponent, "
+        "without the motor."),
     vehicle=vehicle,
 )

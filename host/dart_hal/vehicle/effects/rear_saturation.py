@@ -24,8 +24,8 @@ EFFECT = Effect(
     name="rear_saturation",
     title="has less side force at its rear wheels than the model",
     physics=(
-        "The rear tyre of the paper's model is linear without limit. The force of a real tyre "
-        "is limited, near the friction coefficient times the load."),
+        "The paper's rear tyre is linear without limit. A real one is limited near friction "
+        "coefficient times load."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40),
@@ -33,7 +33,7 @@ EFFECT = Effect(
                           tops=True),),
     confused_with=("grip", "roll_compliance", "combined_slip", "yaw_damping"),
     experiment=(
-        "Circles at rising speed until the rear slides, and a step of the steering at high "
-        "speed. Only the largest forces are smaller than in the model."),
+        "Circles at rising speed until the rear slides, and a fast steering step. Only the "
+        "largest forces are smaller."),
     force=force,
 )

@@ -37,16 +37,15 @@ EFFECT = Effect(
     name="road_slope_x",
     title="is pulled along x of the room by a slope",
     physics=(
-        "A floor is never level: one centimetre per metre is 0.1 m/s2, about a tenth of the "
-        "friction. The pull keeps its direction in the room while the car turns."),
+        "One centimetre per metre is 0.1 m/s2, a tenth of the friction."),
     stage="force",
     acts_along=("heading", "x"),
     parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="downhill acceleration along x of the room"),),
     confused_with=("road_slope_y", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),
     experiment=(
-        "The same straight drive in four directions of the room, or slow circles. The error "
-        "changes with the heading; a cause in the car has the same error at every heading."),
+        "One straight drive in four directions of the room. The error changes with the heading; "
+        "an error of the car does not."),
     force=force,
     signals={"accel": Static(accel)},
 )

@@ -31,16 +31,15 @@ EFFECT = Effect(
     name="roll_compliance",
     title="loses grip in fast curves more than the model",
     physics=(
-        "In a curve the body leans. Load moves to the outer wheels, which gain less grip than "
-        "the inner ones lose, and the wheels tilt and steer with the springs. The loss grows "
-        "with the square of the side acceleration."),
+        "Load moves to the outer wheels, which gain less grip than the inner ones lose. Wheels "
+        "also tilt and steer with the springs."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0),
                           meaning="share of the side force lost at 1 g to the side"),),
     confused_with=("grip", "rear_saturation", "front_grip"),
     experiment=(
-        "Circles of one radius at rising speed to both sides. The loss grows with the square of "
-        "the side acceleration; that of less grip is the same factor from the first circle on."),
+        "Circles of one radius at rising speed. The loss grows with the square of the side "
+        "acceleration; less grip is one factor from the start."),
     force=force,
 )

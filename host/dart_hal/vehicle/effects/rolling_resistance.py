@@ -20,8 +20,7 @@ EFFECT = Effect(
     title="rolls harder or more easily than the model",
     signed_titles=("rolls more easily than the model", "rolls harder than the model"),
     physics=(
-        "Tyres, bearings and gears resist with a force that hardly depends on speed. A soft "
-        "floor, dirt or a tight gear mesh increases it."),
+        "Tyres, bearings and gears resist at any speed, more on a soft floor or with dirt."),
     stage="force",
     acts_along=("speed", "throttle"),
     parameters=(Parameter("k", "N", -1.0, 5.0, sizes=(0.1, 0.25, 0.5),
@@ -29,8 +28,7 @@ EFFECT = Effect(
     confused_with=(
         "quadratic_drag", "motor_gain", "motor_deadband", "road_slope_x", "road_slope_y"),
     experiment=(
-        "Coasting from high speed to standstill, in both directions of the hall. A constant "
-        "force slows the car equally at all speeds, drag only at high ones, and a slope changes "
-        "sign with the direction."),
+        "Coasting to standstill in both directions. A constant force slows the car equally at all "
+        "speeds, drag only at high ones; a slope changes sign."),
     vehicle=vehicle,
 )

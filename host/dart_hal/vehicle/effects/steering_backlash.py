@@ -33,9 +33,7 @@ EFFECT = Effect(
     name="steering_backlash",
     title="has play in its steering",
     physics=(
-        "Pins and holes of the linkage and the gears of the servo leave the wheels free within "
-        "a small angle. After a movement from the left they are further left than after one "
-        "from the right. k is the whole width."),
+        "Linkage and servo gears leave the wheels free within a small angle."),
     stage="actuator",
     acts_along=("steering_angle", "steering_rate"),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
@@ -43,7 +41,7 @@ EFFECT = Effect(
     confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",
                    "steering_dead_zone"),
     experiment=(
-        "Circles of the same command reached from the left and from the right at constant low "
-        "speed: backlash gives two radii, a trim gives one."),
+        "Slow circles of one command reached from left and right: backlash gives two radii, a "
+        "trim one."),
     signals={"angle": Stateful(play, blind=True, play=half_width)},
 )

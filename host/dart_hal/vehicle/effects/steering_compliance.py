@@ -65,16 +65,14 @@ EFFECT = Effect(
     title="has a steering that yields to the force of the tyres",
     physics=(
         "Servo, rods and plastic arms are springs. The side force acts behind the steering axis "
-        "and turns the wheels back towards straight. The larger the force, the smaller the "
-        "steering angle."),
+        "and turns the wheels back."),
     stage="actuator",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "rad/N", 0.0, 0.03, sizes=(0.003, 0.008, 0.02),
                           meaning="angle by which the wheels yield per newton of side force"),),
     confused_with=("front_grip", "grip", "steering_gain"),
     experiment=(
-        "Circles of the same command at rising speed, then with more load on the front axle. "
-        "The curvature falls as the force rises, but the largest side force does not change; "
-        "less grip lowers it."),
+        "Circles of one command at rising speed. The curvature falls, but the largest side force "
+        "remains; less grip lowers it."),
     force=force,
 )

@@ -26,16 +26,14 @@ EFFECT = Effect(
     name="steering_dead_zone",
     title="does not steer for small commands about straight ahead",
     physics=(
-        "Play in the linkage, and wheels that trail their steering axis: rolling moves them to "
-        "the middle of the play, from either side, so they are straight within it. k is the "
-        "whole width."),
+        "Wheels that trail their steering axis roll to the middle of the linkage's play."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
                           meaning="range of angles without steering from end to end"),),
     confused_with=("steering_backlash", "steering_gain", "steering_compliance"),
     experiment=(
-        "Small commands to either side of straight ahead, reached from left and from right. The "
-        "car goes straight for all of them; with backlash it keeps the angle it had before."),
+        "Small commands to either side, reached from left and right. The car goes straight; with "
+        "backlash it keeps its previous angle."),
     signals={"angle": Static(angle)},
 )

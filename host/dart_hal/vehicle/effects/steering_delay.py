@@ -19,16 +19,14 @@ EFFECT = Effect(
     name="steering_delay",
     title="steers later than the model, by a fixed time",
     physics=(
-        "Commands wait in queues: radio, bus, the 50 Hz frame of the servo. The command is "
-        "unchanged, only later."),
+        "Commands wait in queues: radio, bus, the 50 Hz frame of the servo."),
     stage="command",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional delay of the steering"),),
     confused_with=("steering_lag", "steering_rate_limit", "mocap_latency", "clock_offset"),
     experiment=(
-        "Steering steps at constant speed: a delay shifts the whole response, a lag rounds its "
-        "corner. Small steps and large ones, because a rate limit delays only the large. Full "
-        "throttle from standstill, because delayed motion capture delays that too."),
+        "Small and large steering steps: a delay shifts the response, a lag rounds its corner, a "
+        "rate limit delays only large steps. Delayed motion capture also delays throttle steps."),
     vehicle=vehicle,
 )

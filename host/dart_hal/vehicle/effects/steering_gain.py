@@ -23,15 +23,14 @@ EFFECT = Effect(
         "turns its wheels less far than the model",
         "turns its wheels further than the model"),
     physics=(
-        "The lengths of the servo horn and of the steering arms set the ratio of the linkage. "
-        "Another hole of the horn changes it."),
+        "The lengths of servo horn and steering arms set the ratio of the linkage."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "relative", -0.5, 0.5, sizes=(0.02, 0.05, 0.10),
                           meaning="change of the road-wheel angle"),),
     confused_with=("front_grip", "grip", "steering_compliance", "gyro_scale"),
     experiment=(
-        "Slow circles at several commands: without slip the radius shows the angle alone. Then "
-        "the same circles faster: grip and compliance change the radius, the gain does not."),
+        "Slow circles show the angle alone. In faster ones grip and compliance change the radius; "
+        "the gain does not."),
     vehicle=vehicle,
 )

@@ -21,16 +21,15 @@ EFFECT = Effect(
     name="steering_lag",
     title="turns its wheels more slowly than the model",
     physics=(
-        "The position loop of the servo, and the play and elasticity behind it, follow with a "
-        "delay: fast at first, then ever slower."),
+        "The position loop of the servo and the elasticity behind it respond fast at first, then "
+        "ever slower."),
     stage="actuator",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional time constant of the steering"),),
     confused_with=("steering_delay", "steering_rate_limit", "yaw_inertia"),
     experiment=(
-        "Steering steps of different size at constant speed: a lag has the same shape for all, "
-        "a rate limit takes longer for the large. At two speeds, because yaw inertia has an "
-        "effect only when the tyres slip."),
+        "Steering steps of different size: a lag has one shape for all, a rate limit takes longer "
+        "for the large. Yaw inertia acts only at speed."),
     vehicle=vehicle,
 )

@@ -33,15 +33,14 @@ EFFECT = Effect(
     name="steering_rate_limit",
     title="turns its wheels no faster than a limit",
     physics=(
-        "A servo has a top speed: large changes of the command take time in proportion, small "
-        "ones are immediate. A weak supply of the servo lowers it."),
+        "A servo has a top speed, lower with a weak supply."),
     stage="actuator",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 2.0, sizes=(0.125, 0.25, 0.5),
                           meaning="time from straight ahead to full lock"),),
     confused_with=("steering_lag", "steering_delay"),
     experiment=(
-        "Steering steps of different size at constant speed. The time to arrive grows with the "
-        "size of the step; a lag takes the same time for all."),
+        "Steering steps of different size. The time to arrive grows with the step; with a lag it "
+        "is constant."),
     signals={"steering": Stateful(limit_rate, blind=True, slack=slack)},
 )

@@ -26,16 +26,14 @@ EFFECT = Effect(
         "steers further to the right than the model",
         "steers further to the left than the model"),
     physics=(
-        "The horn of the servo is on a toothed shaft and the rods have threads. Assembly sets "
-        "the centre, and an impact moves it."),
+        "Assembly of horn and rods sets the centre, and an impact moves it."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02),
                           meaning="road-wheel angle to the left of the model's"),),
     confused_with=("steering_backlash", "pwm_clock", "lateral_pull", "mocap_yaw", "gyro_bias"),
     experiment=(
-        "Straight drives at two speeds, then circles of equal command to both sides. A trim "
-        "adds the same curvature at every speed. A pull grows with the slip of the tyres, and "
-        "backlash depends on the direction in which the command was reached."),
+        "Straight drives at two speeds, circles to both sides. A trim adds one curvature at every "
+        "speed. A pull grows with tyre slip; backlash depends on the previous command."),
     signals={"angle": Static(add_trim)},
 )

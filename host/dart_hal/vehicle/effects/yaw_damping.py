@@ -23,16 +23,15 @@ EFFECT = Effect(
     name="yaw_damping",
     title="turns more slowly than the model",
     physics=(
-        "Tyres have width and length and resist rotation on the floor. In the bicycle model a "
-        "tyre is a point of contact without such a moment."),
+        "Tyres resist rotation on the floor; the tyre of the bicycle model is a point."),
     stage="force",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "N m s", 0.0, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment against turning per rad/s of yaw rate"),),
     confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),
     experiment=(
-        "Steering steps at several speeds: damping also lowers the steady yaw rate, inertia "
-        "only its rise. On a circle of one radius the loss grows with speed; that of a stiff "
-        "differential does not."),
+        "Steering steps at several speeds: damping also lowers the steady yaw rate, inertia only "
+        "its rise. On one radius the loss grows with speed; that of a stiff differential does "
+        "not."),
     force=force,
 )

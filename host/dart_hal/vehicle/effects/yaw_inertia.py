@@ -22,16 +22,15 @@ EFFECT = Effect(
         "begins and ends a turn faster than the model",
         "begins and ends a turn more slowly than the model"),
     physics=(
-        "It was not measured: published values are those of a rectangle and differ by a third. "
-        "Mass at the ends of the car counts with the square of its distance."),
+        "Published values are those of a rectangle and differ by a third. Mass at the ends counts "
+        "with the square of its distance."),
     stage="motion",
     acts_along=("yaw_rate", "steering_rate"),
     parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2),
                           meaning="change of the yaw inertia"),),
     confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
     experiment=(
-        "Fast changes of the steering at high speed, with the side velocity of the body. "
-        "Inertia delays the rotation and not the slip, and does not change steady circles. A "
-        "lag of the servo also has an effect at low speed."),
+        "Fast steering changes at high speed. Inertia delays the rotation, not the slip, and "
+        "changes no steady circle. A servo lag also acts at low speed."),
     vehicle=vehicle,
 )
