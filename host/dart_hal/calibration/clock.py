@@ -157,8 +157,8 @@ calibrate_clock = Procedure(
     name="clock",
     help="""The oscillator of the PCA9685, which sets the length of every pulse.
 
-    The Nano times the pulses of the spare channel, by a wire to its D8. Without
-    the wire: --frequency and --std of a scope or a logic analyser.
+    The Nano times the pulses of the spare channel, by a wire to its D8. Without it: --frequency and
+    --std of a scope.
     """,
     plan=plan, measure=measure, condition=Condition.WIRED,
     options=(

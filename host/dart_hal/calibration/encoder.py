@@ -242,9 +242,8 @@ calibrate_encoder = Procedure(
     name="encoder",
     help="""Travel per edge of the encoder, and spacing of its ring.
 
-    The car rolls straight; you chalk the start and type the distance, by a tape.
-    Missing and double marks of the ring are reported. On sim:// the simulated
-    operator measures.
+    The car rolls straight; you measure the distance with a tape. Missing and double marks are
+    reported. On sim:// the simulated operator measures.
     """,
     plan=plan, measure=measure, adapt=_adapt,
     options=(

@@ -373,9 +373,8 @@ calibrate_esc = Procedure(
     name="esc",
     help="""Neutral, dead band, brake, reverse and end of the throttle; wheels lifted.
 
-    The car is on a stand and spins its wheels, up to full throttle; you turn a
-    wheel by hand and state the direction in which they turned. Measure the clock
-    first.
+    The car is on a stand and spins its wheels, up to full throttle; you turn a wheel by hand and
+    state the direction. Measure the clock first.
     """,
     plan=plan, measure=measure, condition=Condition.LIFTED,
     keys=("throttle.neutral_us", "throttle.deadband_forward_us"), after=("clock",))

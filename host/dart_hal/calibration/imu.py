@@ -162,9 +162,8 @@ calibrate_imu = Procedure(
     name="imu",
     help="""Bias and scale of the gyro, and mounting angles of the IMU.
 
-    The car is at rest, circles to the left and to the right, and accelerates
-    straight ahead; you chalk its heading and type by how many degrees it has
-    turned. Measure the encoder first.
+    The car rests, circles to both sides and accelerates straight ahead; you chalk its heading and
+    type the degrees it has turned. Measure the encoder first.
     """,
     plan=plan, measure=measure,
     options=(Option("turns", "full turns to each side; twice the number halves the error",

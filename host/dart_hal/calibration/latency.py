@@ -261,9 +261,9 @@ calibrate_latency = Procedure(
     name="latency",
     help="""Delays of the car: command to pulse, pulse to wheels, sensor to host.
 
-    The car rests while the Nano times pulses (by the wire to its D8). Then it circles to the left
-    with steps of the throttle, and of the steering. drive_speed uses the result. Measure clock,
-    encoder and steering first.
+    The car rests while the Nano times pulses (wire to its D8), then circles to the left with steps
+    of throttle and steering. drive_speed uses the result. Measure clock, encoder and steering
+    first.
     """,
     plan=plan, measure=measure,
     keys=("latency.pulse_to_wheel", "latency.pulse_to_yaw", "latency.sensor_to_host"),

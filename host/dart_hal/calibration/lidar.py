@@ -144,9 +144,8 @@ calibrate_lidar = Procedure(
     name="lidar",
     help="""Mounting pose and scale of the lidar.
 
-    Slow and fast circles to both sides, about a minute, in a room with a map. The command refuses
-    a lidar that is upside down or turns the other way than car.toml states, and a map of another
-    room. Measure encoder and imu first.
+    Slow and fast circles to both sides, about a minute, in a room with a map. A lidar upside down
+    or with reversed rotation is refused, as is another room's map. Measure encoder and imu first.
     """,
     plan=plan, measure=measure, lidar=True,
     keys=tuple(f"lidar.{n}" for n in LIDAR_KEYS.values()), after=("clock", "encoder", "imu"))

@@ -175,9 +175,9 @@ calibrate_mocap = Procedure(
     name="mocap",
     help="""Where the marker is on the car, and the delay of the external poses.
 
-    Slow and fast circles to both sides, about a minute. $DART_HAL_POSES names the source. The
-    command refuses poses of another body, in other units, and frames that are left-handed or not
-    z-up, and shows the option that corrects them.
+    Slow and fast circles to both sides, about a minute. $DART_HAL_POSES names the source. Poses of
+    another body, in other units or in frames that are left-handed or not z-up are refused, with the
+    option that corrects them.
     """,
     plan=plan, measure=measure, poses=True, keys=tuple(f"mocap.{n}" for n in MARKER_KEYS),
     after=("clock", "encoder", "imu"))

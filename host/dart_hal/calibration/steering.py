@@ -294,10 +294,8 @@ STEERING_PROCEDURE = Procedure(
     name="steering",
     help="""The map from steering command to road-wheel angle, with its standard errors.
 
-    On a car: slow circles over the whole range, from both sides, about one
-    minute. With --from: recordings of a car, MCAP or the DART CSV files. They
-    contain commands (-1..1), not pulses (our MCAP runs: both), and their map is
-    never written.
+    On a car: slow circles over the whole range, from both sides, about one minute. With --from:
+    recordings, MCAP or the DART CSV files. Their map from commands (-1..1) is never written.
     """,
     plan=_plan, measure=measure_map, check=_check_speeds,
     options=(Option("speeds", "m/s there and back; slower needs less floor, and both must differ",

@@ -45,8 +45,8 @@ for verb in order.PROCEDURE_NAMES:
 def accept(url: str | None, car_name: str, cars: Path | None, yes: bool, as_json: bool) -> None:
     """Use the car's calibration with the Nano that answers now, after that was exchanged.
 
-    calibration.toml records with which Nano it was measured, and a car with another one does not
-    arm. Accept it if servo, ESC and their board are still those that were measured.
+    A car with another Nano than that of calibration.toml does not arm. Accept it if servo, ESC and
+    their board are unchanged.
     """
     with open_car(url, car_name, cars) as car:
         files = car.files

@@ -88,10 +88,10 @@ def size_options(command: CommandT) -> CommandT:
 def new(name: str, cars: Path | None, as_json: bool, **given: Quantity | None) -> None:
     """Write the car.toml of a car NAME from its sizes, each with its standard error.
 
-    Sizes have the form VALUE+-STD, such as 0.325+-0.002, in SI units. In a terminal the command
-    asks for those that are missing. The centre of mass follows from the loads of both axles, or is
-    given by --l-f or --l-r. A car.toml that is there keeps its other keys; the older version goes
-    to history/. Fits move the sizes within their standard errors.
+    Sizes have the form VALUE+-STD, such as 0.325+-0.002, in SI units. A terminal prompts for
+    missing ones. The centre of mass follows from the loads of both axles, or is --l-f or --l-r. An
+    existing car.toml keeps its other keys; its older version goes to history/. Fits move sizes
+    within their standard errors.
     """
     check_name(name, "NAME")
     path = measured_folder(name, [cars] if cars else None) / "car.toml"

@@ -39,8 +39,8 @@ def command(kind: str, run: Sequence[Path], out: Path, fps: int, task: str,
             as_json: bool) -> None:
     """Convert RUN for other programs; one car of a fleet's recording: fleet.mcap?car=NAME.
 
-    csv, parquet: one row for each State, with commands and logged values; Parquet has the unit of
-    each column. A cell is empty (NaN in Parquet) where nothing was measured, commanded or logged.
+    csv, parquet: one row for each State, with commands and logged values; Parquet has units. A cell
+    without a value is empty (NaN in Parquet).
     ros2, ros1: every message of every channel with its definition, plus LaserScan and /tf.
     lerobot: each RUN is one episode of observation.state, action and camera images if recorded;
     several RUNs are possible.

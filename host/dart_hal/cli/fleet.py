@@ -47,8 +47,8 @@ def command(context: click.Context, rooms: tuple[str, ...], room_key: Path | Non
             as_json: bool) -> int:
     """List the cars of a fleet room: state, link, health. Exit 1: no car.
 
-    Without a key (--room-key) each computer on the network of the room can stop the cars, keep a
-    watched car driving and send wrong poses. No computer can arm or drive a car through the room.
+    Without a key (--room-key) each computer on the network can stop the cars, keep a watched car
+    driving and send wrong poses. None can arm or drive a car.
     """
     if context.invoked_subcommand is not None:
         # click gives options before a subcommand to the group, where they would have no effect.

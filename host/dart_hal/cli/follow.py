@@ -102,9 +102,9 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
             waive: tuple[str, ...], poses: str | None, lidar: str | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
-    The path is in the frame of the poses (motion capture). Place the car within 1 m of it, along
-    the path. The car stops at the end of the path, after --duration, when it leaves the lane and
-    when it loses its pose; the last two exit 1.
+    Place the car within 1 m of the path, along it; the path is in the frame of the poses. The car
+    stops at the end, after --duration, when it leaves the lane and when it loses its pose; the last
+    two exit 1.
     """
     if profile == (speed is not None):
         raise UsageError("one speed is required", expected="one of --speed M/S and --profile",

@@ -51,8 +51,7 @@ def command(url: str | None, car_name: str, cars: Path | None, speed: float,
     """Drive in the middle of a lane between two boards or walls, by the lidar alone.
 
     Place the car in the lane, along it (within 30 degrees). The car stops at the end of the lane.
-    It also stops if the lidar detects no board or only one, or sends no scans; the exit status is
-    then 1.
+    It also stops, with exit status 1, if the lidar detects fewer than two boards or sends no scans.
     """
     with open_car(url, car_name, cars, record, lidar=lidar) as car:
         follower = make_follower(car, speed, distance or inf, duration or inf)

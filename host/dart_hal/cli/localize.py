@@ -57,9 +57,9 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
             as_json: bool) -> int:
     """Locate the car, or a recording with scans, in a map.
 
-    Prints the last pose with its standard errors and the share of the last scan that the map
-    explains; for a simulated car also the true error. With --speed the car waits until it is
-    located, and stops when its pose is lost. Exits 1 if the pose was lost.
+    Prints the last pose with standard errors, the share of the last scan that the map explains, and
+    for a simulated car the true error. With --speed the car drives once located, and stops when its
+    pose is lost. Exits 1 if it was lost.
     """
     backend = open_url(url)
     source = LidarPoses(load_map(backend, chart), parse_start(start) if start else None)

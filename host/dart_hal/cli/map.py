@@ -75,10 +75,9 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
             as_json: bool) -> int:
     """Map a room: writes OUT.yaml and OUT.pgm, as ROS's map_server reads them.
 
-    You drive the car, or it drives along the walls. The drive is recorded, then the recording is
-    mapped. Ctrl-C stops the car; the part that was driven is mapped. The origin of the map is the
-    start pose of the car. Exits 1 if the map explains too few of its own scans, or if the drive
-    was aborted.
+    You drive the car, or it drives along the walls. The recording of the drive is mapped, from the
+    start pose as origin. Ctrl-C stops the car and maps what was driven. Exits 1 if the map explains
+    too few of its scans, or the drive was aborted.
     """
     if (run is not None) + (speed is not None) + keyboard + gamepad != 1:
         raise UsageError("exactly one way to drive the room is required",

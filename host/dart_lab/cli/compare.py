@@ -24,8 +24,7 @@ MAX_PRINTED_DIFFERENCES = 20
 def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
     """Compare the runs A and B: lengths, losses, speeds, commands, files, firmware.
 
-    If both were driven by the same commands, also print the time after the first command at
-    which the speed or the yaw rate first differs for 50 ms.
+    With equal commands, also print the time at which speed or yaw rate first differs for 50 ms.
     """
     found = compare(a, b)
     show_notices((*found.a.run.notices, *found.b.run.notices))

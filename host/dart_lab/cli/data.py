@@ -35,10 +35,9 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
                   cars: Path | None, as_json: bool) -> int:
     """List what is in recordings, what was dropped and why, and what each is good for.
 
-    FILES are DART CSV files, runs (.mcap) or folders of them. A name that does not exist here is
-    searched for in the data folder ($DART_DATA, else ~/.local/share/dart-hal/recordings);
-    without FILES the whole data folder is checked. Exit 0: a recording is good for a fit or an
-    evaluation. Exit 1: all are readable, none is good for either. Exit 2: a named file, or a
+    FILES are DART CSV files, runs (.mcap) or folders, also of the data folder ($DART_DATA, else
+    ~/.local/share/dart-hal/recordings); default: all of it. Exit 0: a recording is good for a fit
+    or an evaluation. Exit 1: all are readable, none is good for either. Exit 2: a named file, or a
     whole folder, cannot be read.
     """
     from dart_hal.car.runs import NamedCar, read_any
@@ -95,8 +94,8 @@ def _plot(checks: list[RecordingCheck], target: Path) -> list[Path]:
 def repair_command(files: tuple[Path, ...], as_json: bool) -> int:
     """Write the missing index of runs (.mcap) that were not closed, so that every tool opens them.
 
-    Complete messages are kept, damaged ones are removed. The old file is kept as NAME.old.
-    dart-hal also reads a run that was not repaired.
+    Damaged messages are removed. The old file is kept as NAME.old. dart-hal also reads a run
+    without repair.
     """
     done = [repair(file) for file in files]
     if as_json:
@@ -150,8 +149,8 @@ def import_command(files: tuple[Path, ...], map_name: str | None, guess: bool, u
                    out: Path | None, car_name: str | None, cars: Path | None, as_json: bool) -> int:
     """Import recordings of any car: CSV, ROS bags, MCAP, LeRobot data sets.
 
-    The map states which column or topic is which quantity, its unit and sign, and what a command
-    is. The result is one file that identify, evaluate, diagnose and data check read.
+    The map states quantity, unit and sign of each column or topic, and what a command is. The
+    result is one file that identify, evaluate, diagnose and data check read.
     """
     from dart_lab.cli.importing import guess_import, run_import
 

@@ -90,9 +90,8 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
-    recordings and lowers the errors of the test recordings. Causes that cannot be
-    distinguished, and structure that no effect explains, are reported. The exit status is 0
-    for every verdict.
+    recordings and lowers the errors of the test recordings. Confounded causes and unexplained
+    structure are reported. The exit status is 0 for every verdict.
     """
     # 1. Check the arguments, before any file is read.
     _check_arguments(loose, train, test)

@@ -46,10 +46,9 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
             as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
-    FILES: recordings with motion capture, or folders of them. A name that does not exist here
-    is searched for in the data folder ($DART_DATA, see dart-hal data check --help). The
-    reference is constant velocity and yaw rate (CTRV). The table also gives the range of
-    validity of the kinematic model on these recordings.
+    FILES: recordings with motion capture, or folders, also of the data folder ($DART_DATA, see
+    dart-hal data check --help). The reference is constant velocity and yaw rate (CTRV). The table
+    also gives the range of validity of the kinematic model.
     """
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",

@@ -78,8 +78,8 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     for dart-hal diagnose, nothing is fitted:
       standstill crawl circles steps staircase weave rollouts launch laps
 
-    Only the recording is written (and --out-model). `dart-hal identify` makes a
-    model.toml of it, `dart-hal diagnose` finds what a model gets wrong.
+    Only the recording is written (and --out-model), for `dart-hal identify` and `dart-hal
+    diagnose`.
     """
     if out_model is not None and submodel in PROBES:
         raise UsageError(f"{submodel} fits no sub-model", found="--out-model",

@@ -82,8 +82,8 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
             as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
-    Values come with standard errors. A fit that did not converge or stopped at
-    a bound is reported, and never written. Exit status 1: nothing could be identified.
+    A fit that did not converge or stopped at a bound is reported, never written. Exit status 1:
+    nothing could be identified.
     """
     _check_arguments(submodel, files, root, reference, joint)
     if plot is not None or html is not None:

@@ -35,8 +35,8 @@ def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
             as_json: bool) -> None:
     """Write one page about a car: calibrations with intervals and age, last runs, what changed.
 
-    RUNS are recordings (MCAP) or folders of them; without any, ./runs is read if it exists.
-    The ten newest are shown. Nothing is driven and no port is opened.
+    RUNS are recordings (MCAP) or folders (default: ./runs); the ten newest are shown. Nothing is
+    driven and no port is opened.
     """
     # The files of a simulated car may exist only inside its runs: read the runs first.
     found, skipped = _read_digests(runs or ((DEFAULT_RUNS,) if DEFAULT_RUNS.is_dir() else ()))

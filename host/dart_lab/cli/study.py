@@ -41,9 +41,9 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
             cars: Path | None, as_json: bool) -> int:
     """Study a car by its recordings: check, identifiability, fit, validation, diagnosis, next.
 
-    FILES: recordings or folders of them, imported ones too (dart-hal data import). The last
-    third of the recordings tests; of a single one, stretches of it. A study stops at the stage
-    whose result is not sound.
+    FILES: recordings or folders of them, imported ones too (dart-hal data import). The last third
+    of the recordings tests; of a single one, stretches. A study stops at a stage without a sound
+    result.
     """
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",

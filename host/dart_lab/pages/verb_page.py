@@ -11,10 +11,10 @@ from dart_hal.cli.main import cli, group_verbs
 
 VERBS_HEAD = """# Verbs
 
-Every verb of the command `dart-hal`, with its options. `dart-hal VERB --help` prints the same.
-`--json` prints one JSON object on standard output. Notices go to standard error. The exit status
-is 0 for success, 1 for a negative answer, 2 for input that cannot be used, and 130 after
-Ctrl-C. This page is generated from the program (`dart-hal wire --write`).
+Every verb of the command `dart-hal`, with its options, as `dart-hal VERB --help` prints them.
+With `--json` a verb prints one JSON object on standard output; notices go to standard error. The
+exit status is 0 for success, 1 for a negative answer, 2 for input that cannot be used, and 130
+after Ctrl-C. Generated from the program (`dart-hal wire --write`).
 """
 MARKUP = re.compile(r"([|*_$<\\`])")
 
@@ -23,14 +23,12 @@ def render_verbs() -> str:
     """Return the Markdown page of all verbs, in the groups of ``dart-hal --help``."""
     top = click.Context(cli, info_name="dart-hal")
     groups = group_verbs()
-    contents = []
+    contents = ["| group | verb | what it does |", "|---|---|---|"]
     for group, verbs in groups.items():
-        contents.append(f"**{group.capitalize()}**\n")
-        contents += [f"- [`{name}`](#{anchor(f'dart-hal {name}')}): {plain(text)}"
+        contents += [f"| {group} | [`{name}`](#{anchor(f'dart-hal {name}')}) | {plain(text)} |"
                      for name, text in verbs.items()]
-        contents.append("")
     sections = (part for verbs in groups.values() for name in verbs for part in _command(name, top))
-    return "\n".join([VERBS_HEAD, *contents, *sections])
+    return "\n".join([VERBS_HEAD, *contents, "", *sections])
 
 
 def anchor(title: str) -> str:

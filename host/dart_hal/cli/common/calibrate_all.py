@@ -42,9 +42,8 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
                lidar: str | None, again: bool, as_json: bool) -> None:
     """Every procedure, in the order in which each needs the others.
 
-    What one measures is written as it ends, and the next one uses it. Broken off, or stopped
-    by something to repair, the same command goes on where it was left. The lidar, if there is one,
-    is measured in --map.
+    Each result is saved before the next procedure starts. If interrupted, run the command again: it
+    resumes. The lidar, if there is one, is measured in --map.
     """
     url = url or DEFAULT_URL
     found: dict[str, Result] = {}
