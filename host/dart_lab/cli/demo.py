@@ -56,9 +56,8 @@ SKIPPED = "skipped: its recordings come with the sources, and this installation 
 def command(url: str, out: Path, as_json: bool) -> None:
     """Calibrate an emulated car, drive a figure of eight, change two things in it, find them.
 
-    The changes are the effect= of the URL, or chosen by the seed. Another chapter maps a track with
-    the lidar and follows it. The last one diagnoses the real car from the recordings of the
-    sources.
+    The changes are the effect= of the URL, or chosen by the seed. Further chapters map a track with
+    the lidar and follow it, and diagnose the real car from the recordings of the sources.
     """
     parsed = Url.parse(url)
     if parsed.scheme != "sim":

@@ -12,9 +12,15 @@ from dart_hal.cli.main import cli, group_verbs
 VERBS_HEAD = """# Verbs
 
 Every verb of the command `dart-hal`, with its options, as `dart-hal VERB --help` prints them.
-With `--json` a verb prints one JSON object on standard output; notices go to standard error. The
-exit status is 0 for success, 1 for a negative answer, 2 for input that cannot be used, and 130
-after Ctrl-C. Generated from the program (`dart-hal wire --write`).
+With `--json` a verb prints one JSON object on standard output; notices go to standard error.
+Generated from the program (`dart-hal wire --write`).
+
+| exit status | meaning |
+|---:|---|
+| 0 | success |
+| 1 | negative answer |
+| 2 | input that cannot be used |
+| 130 | Ctrl-C |
 """
 MARKUP = re.compile(r"([|*_$<\\`])")
 

@@ -33,6 +33,6 @@ EFFECT = Effect(
     confused_with=("front_grip", "mocap_offset_x", "yaw_inertia", "grip"),
     experiment=(
         "Weigh both axles. Or drive circles at rising speed: the balance of front and rear "
-        "changes. A misplaced marker already shows in slow circles."),
+        "changes. A misplaced marker also shows in slow circles."),
     vehicle=vehicle,
 )

@@ -36,7 +36,6 @@ EFFECT = Effect(
                           meaning="distance of the IMU ahead of the centre of mass"),),
     confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),
     experiment=(
-        "Use a ruler. Or drive fast circles to both sides: the forward acceleration has one sign "
-        "and grows with the square of the yaw rate."),
+        "Use a ruler. Or drive fast circles to both sides: the forward acceleration has one sign."),
     signals={"accel": Static(accel)},
 )

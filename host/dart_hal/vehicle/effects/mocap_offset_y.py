@@ -34,7 +34,7 @@ EFFECT = Effect(
                           meaning="distance of the marker to the left of its stated position"),),
     confused_with=("mocap_offset_x", "cornering_drag"),
     experiment=(
-        "Slow circles to both sides, compared with the encoder. The speed is too low on one side "
-        "and too high on the other; drag acts equally."),
+        "Slow circles to both sides, compared with the encoder. The speed errs with opposite "
+        "signs; drag acts equally."),
     signals={"pose": Static(pose)},
 )

@@ -31,7 +31,6 @@ EFFECT = Effect(
     confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),
     experiment=(
         "Steering steps at several speeds: damping also lowers the steady yaw rate, inertia only "
-        "its rise. On one radius the loss grows with speed; that of a stiff differential does "
-        "not."),
+        "its rise. A stiff differential's loss does not grow with speed."),
     force=force,
 )
