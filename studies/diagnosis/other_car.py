@@ -6,7 +6,7 @@ A model of sizes alone is fitted to the recording (data/other/zheng2022/day1, 1:
 capture) as it is. Each effect is injected into the log, which is then diagnosed with that model:
 the first 60 % trains, the rest tests. Found is an effect that is accepted, or a parameter finding
 of the same quantity. Its size is right if it is within 2.6 of its standard errors (99 %) of what
-was injected, in addition to what the same quantity is without injection.
+was injected, in addition to its size in the log as it is.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,14 +26,16 @@ import numpy as np
 
 from dart_hal.car.runs import read_any
 from dart_hal.core.config import ModelFile
+from dart_hal.core.config.model import EffectEntry
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.imported import write_imported
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.steering import make_steering
-from dart_lab import diagnose, identify
+from dart_hal.vehicle.steering import make_steering, make_steering_inverse
+from dart_lab import catalogue, diagnose, identify
 from dart_lab.diagnosis.inputs import check_inputs
+from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.write import build_model
 from dart_lab.importing import Table, convert_tables, load_map, read_tables
 
@@ -137,6 +139,13 @@ def change_column(name: str, change: Callable[[FloatArray], FloatArray]
     return lambda columns, p: {**columns, name: change(columns[name])}
 
 
+def widen_dead_zone(columns: Columns, p: Vehicle, width: float) -> Columns:
+    """Return commands that ask for ``width / 2`` [rad] more, which the car did not steer."""
+    to_command = make_steering_inverse(p.steering)
+    asked = angles(columns, p) + 0.5 * width * np.sign(columns["steering"])
+    return {**columns, "steering": np.array([to_command(float(a)) for a in asked])}
+
+
 def hold_commands(columns: Columns, share: float) -> Columns:
     """Return commands as they are sent, of which the car misses some: the log has the sent ones.
 
@@ -165,6 +174,8 @@ INJECTIONS: dict[str, Injection] = {
         lambda c, p: shift_time(c, ("steering",), -0.12), delay_of("steering", 0.12)),
     "throttle delay 0.15 s": Injection(
         lambda c, p: shift_time(c, ("throttle",), -0.15), delay_of("throttle", 0.15)),
+    "throttle delay 0.30 s": Injection(
+        lambda c, p: shift_time(c, ("throttle",), -0.3), delay_of("throttle", 0.3)),
     "steering trim": Injection(change_column("steering", lambda s: np.clip(s - 0.1, -1.0, 1.0)),
                                trim_of),
     "steering gain": Injection(change_column("steering", lambda s: s / 1.25), gain_of),
@@ -179,6 +190,8 @@ INJECTIONS: dict[str, Injection] = {
                                      fixed(mocap_offset_x=0.06)),
     "marker 0.05 m left": Injection(lambda c, p: move_marker(c, 0.0, 0.05, 0.0),
                                     fixed(mocap_offset_y=0.05)),
+    "marker 0.10 m left": Injection(lambda c, p: move_marker(c, 0.0, 0.1, 0.0),
+                                    fixed(mocap_offset_y=0.1)),
     "motor 30 % stronger": Injection(
         lambda c, p: {**c, "throttle": np.where(
             c["throttle"] > 0.0, (c["throttle"] + p.motor.g) / 1.3 - p.motor.g, 0.0)},
@@ -186,11 +199,11 @@ INJECTIONS: dict[str, Injection] = {
     "dead band 0.03": Injection(
         lambda c, p: {**c, "throttle": np.where(c["throttle"] > 0.0, c["throttle"] + 0.03, 0.0)},
         pull_of("motor_deadband", 0.03, 0.0, 0.03)),
+    "dead band 0.08": Injection(
+        lambda c, p: {**c, "throttle": np.where(c["throttle"] > 0.0, c["throttle"] + 0.08, 0.0)},
+        pull_of("motor_deadband", 0.08, 0.0, 0.08)),
     "steering dead zone 0.08 rad": Injection(
-        lambda c, p: {**c, "steering": np.clip(
-            c["steering"] + np.sign(c["steering"]) * 0.04 / (p.steering.a_left_rad
-                                                             * p.steering.k_left), -1.0, 1.0)},
-        fixed(steering_dead_zone=0.08)),
+        lambda c, p: widen_dead_zone(c, p, 0.08), fixed(steering_dead_zone=0.08)),
     "30 % of the commands dropped": Injection(lambda c, p: hold_commands(c, 0.3),
                                               fixed(late_commands=np.nan)),
 }
@@ -231,16 +244,36 @@ def fit_model(recording: Recording) -> ModelFile:
     return model
 
 
-def judge(name: str, before: Columns, after: Columns, model: ModelFile, frame: Reference,
-          folder: Path, baseline: Mapping[str, tuple[float, float]]) -> Outcome:
-    """Diagnose one injected log, and compare with what was injected."""
-    vehicle = vehicle_of(model)
-    cut = round(TRAIN_SHARE * len(after["steering"]))
-    parts = [write_log({key: values[rows] for key, values in after.items()}, folder / file)
+def diagnose_log(columns: Columns, model: ModelFile, frame: Reference, folder: Path) -> Diagnosis:
+    """Diagnose a log: the first part of it trains, the rest tests."""
+    cut = round(TRAIN_SHARE * len(columns["steering"]))
+    parts = [write_log({key: values[rows] for key, values in columns.items()}, folder / file)
              for file, rows in (("train.mcap", slice(0, cut)), ("test.mcap", slice(cut, None)))]
     (train, test), _ = read_any(parts, reference=frame)
+    vehicle = vehicle_of(model)
     inputs = check_inputs([train], [test], vehicle)
-    d = diagnose(model, vehicle, inputs.train, inputs.test)
+    return diagnose(model, vehicle, inputs.train, inputs.test)
+
+
+def size_in_the_car(effect: str, log: Columns, model: ModelFile, frame: Reference, folder: Path
+                    ) -> tuple[float, float]:
+    """Return size and standard error of an effect in the log as it is, accepted or not."""
+    start = catalogue()[effect].parameters[0].sizes[0]
+    extended = msgspec.structs.replace(model, effects=(EffectEntry(effect, {"k": start}),))
+    change = diagnose_log(log, extended, frame, folder).refitted[f"{effect}.k"]
+    return change.after, change.std
+
+
+def judge(name: str, before: Columns, after: Columns, model: ModelFile, frame: Reference,
+          folder: Path, own: dict[str, tuple[float, float]], accepted: Collection[str]
+          ) -> Outcome:
+    """Diagnose one injected log, and compare with what was injected.
+
+    own: size and standard error of effects and quantities in the log as it is; those that are
+    needed are added. accepted: effects that are found there.
+    """
+    vehicle = vehicle_of(model)
+    d = diagnose_log(after, model, frame, folder)
     found = {c.effect: (c.parameters["k"].value, c.parameters["k"].std)
              for c in d.causes if "k" in c.parameters}
     for claim in d.claims:
@@ -252,12 +285,14 @@ def judge(name: str, before: Columns, after: Columns, model: ModelFile, frame: R
     sizes = []
     for key in hits:
         value, std = found[key]
-        without, without_std = baseline.get(key, (0.0, 0.0))
+        if key in catalogue() and key not in own:
+            own[key] = size_in_the_car(key, before, model, frame, folder)
+        without, without_std = own.get(key, (0.0, 0.0))
         error = np.hypot(std, without_std)
         sizes.append(abs(value - without - truth[key]) <= MAX_DEVIATION * error)
     flagged = d.late_commands is not None or bool(d.outliers)
     wrong = tuple(c.effect for c in d.causes if c.effect not in truth
-                  and c.effect not in baseline)
+                  and c.effect not in accepted)
     named = bool(hits) or ("late_commands" in truth and flagged)
     return Outcome(name, dict(truth), found, named, any(sizes) if sizes else None, wrong, flagged,
                    d.verdict)
@@ -284,13 +319,15 @@ def main() -> int:
             return 2
         # Stated, as with --reference: where the marker sits is known before the injection.
         frame = replace(recording.marker, source="stated", std=None)
-        baseline: Mapping[str, tuple[float, float]] = {}
+        own: dict[str, tuple[float, float]] = {}
+        accepted: Collection[str] = ()
         outcomes = []
         for name in ("nothing", *(options.only or [n for n in INJECTIONS if n != "nothing"])):
             after = INJECTIONS[name].change(log, vehicle_of(model))
-            outcome = judge(name, log, after, model, frame, folder, baseline)
+            outcome = judge(name, log, after, model, frame, folder, own, accepted)
             if name == "nothing":
-                baseline = outcome.found
+                own = dict(outcome.found)
+                accepted = outcome.wrong
             outcomes.append(outcome)
             print(describe(outcome), flush=True)
             if options.out is not None:

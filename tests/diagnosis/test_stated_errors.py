@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.config.model import Covariance
-from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error
+from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error, _release
 from dart_lab.diagnosis.parameters.sets import GroupFits
 from dart_lab.diagnosis.policy import USUAL
 
@@ -56,3 +56,25 @@ def test_a_right_model_leaves_the_ellipsoid_as_rarely_as_the_single_error(correl
     rng = np.random.default_rng(3)
     drawn = rng.multivariate_normal((0.0, 0.0), [[1.0, correlation], [correlation, 1.0]], 2000)
     assert np.mean([exceeds(x, correlation) for x in drawn]) < 0.12
+
+
+@pytest.mark.parametrize("truth", [0.0, 4.0, 8.0])
+def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_it_back(truth):
+    """One parameter is measured with an error of 0.8 of the one that the file states."""
+    data_std = 0.8
+    normal = np.array([[data_std**-2 + 1.0]])
+    space = SimpleNamespace(prior_weight=np.ones(1))
+    rng = np.random.default_rng(5)
+    drawn = 0
+    held = 0
+    trials = 500
+    for measured in truth + data_std * rng.standard_normal(trials):
+        fitted = measured * data_std**-2 / normal[0, 0]
+        point = SimpleNamespace(x=np.array([fitted]), normal=normal, space=space)
+        ((release,),) = _release(point, (0,), USUAL.prior.believed)
+        sampling = normal[0, 0]**-0.5
+        drawn += abs(fitted - truth) > 1.645 * sampling
+        held += abs(fitted - truth) <= 1.645 * np.hypot(release * sampling,
+                                                        release * fitted - fitted)
+    assert held / trials >= 0.88
+    assert truth == 0.0 or drawn / trials > 0.5, "control: the sampling error alone misses it"

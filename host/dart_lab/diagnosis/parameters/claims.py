@@ -138,7 +138,15 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
 
 def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
                      quantities: Mapping[str, tuple[str, Quantity]]) -> dict[str, QuantityChange]:
-    """Return old and new value of each quantity; its standard error from draws of the parameters.
+    """Return old and new value of each quantity, and the standard error of the new one.
+
+    The stated errors of these parameters are contradicted, but draw the fit towards the stated
+    values.
+
+    1. Release the parameters from them, to first order.
+    2. Draw parameters from the covariance without them: the spread of a quantity is its sampling
+       error.
+    3. Add in quadrature how far the quantity moves with the release.
 
     names: what those of the parameters begin with.
     """
@@ -146,15 +154,32 @@ def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
     base = inputs.groups.base
     mine = find_coordinates(point, names)
     rng = np.random.default_rng(inputs.seed)
-    block = inputs.final.covariance[np.ix_(mine, mine)]
+    release = _release(point, mine, inputs.groups.policy.prior.believed)
+    block = (release @ inputs.final.covariance @ release.T)[np.ix_(mine, mine)]
     draws = rng.multivariate_normal(point.x[list(mine)], block, PARAMETER_DRAWS, method="eigh")
     cars = [_vehicle_at(point, mine, x) for x in draws]
+    released = _vehicle_at(point, mine, (release @ point.x)[list(mine)])
+    fitted = _vehicle_at(point, mine, point.x[list(mine)])
     out = {}
     for name, (unit, quantity) in quantities.items():
         values = np.array([quantity(car) for car in cars])
-        out[name] = QuantityChange(quantity(base), quantity(inputs.logged), float(np.std(values)),
-                                   unit)
+        error = math.hypot(float(np.std(values)), quantity(released) - quantity(fitted))
+        out[name] = QuantityChange(quantity(base), quantity(inputs.logged), error, unit)
     return out
+
+
+def _release(point: Point, mine: Sequence[int], width: float) -> FloatArray:
+    """Return A (k, k): A x is the minimum with a prior of some coordinates ``width`` times as wide.
+
+    With the normal matrix N and the prior weights p at the minimum x, and s the share of the prior
+    that is removed, the gradient of what remains is -s p x, so the minimum moves to
+
+        x + (N - s diag p)^-1 s p x = (N - s diag p)^-1 N x        p = 0 but for these coordinates
+    """
+    removed = np.zeros(len(point.x))
+    removed[list(mine)] = (1.0 - 1.0 / width**2) * point.space.prior_weight[list(mine)]
+    normal = point.normal
+    return np.asarray(np.linalg.solve(normal - np.diag(removed), normal))
 
 
 def _vehicle_at(point: Point, mine: Sequence[int], x: FloatArray) -> Vehicle:
