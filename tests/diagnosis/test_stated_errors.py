@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.config.model import Covariance
-from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error, _release
+from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error, release_prior
 from dart_lab.diagnosis.parameters.sets import GroupFits
 from dart_lab.diagnosis.policy import USUAL
 
@@ -71,10 +71,9 @@ def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_i
     for measured in truth + data_std * rng.standard_normal(trials):
         fitted = measured * data_std**-2 / normal[0, 0]
         point = SimpleNamespace(x=np.array([fitted]), normal=normal, space=space)
-        ((release,),) = _release(point, (0,), USUAL.prior.believed)
-        sampling = normal[0, 0]**-0.5
-        drawn += abs(fitted - truth) > 1.645 * sampling
-        held += abs(fitted - truth) <= 1.645 * np.hypot(release * sampling,
-                                                        release * fitted - fitted)
+        (released,), ((variance,),) = release_prior(point, np.linalg.inv(normal), (0,),
+                                                    USUAL.prior.believed)
+        drawn += abs(fitted - truth) > 1.645 * normal[0, 0]**-0.5
+        held += abs(fitted - truth) <= 1.645 * np.hypot(variance**0.5, released - fitted)
     assert held / trials >= 0.88
     assert truth == 0.0 or drawn / trials > 0.5, "control: the sampling error alone misses it"

@@ -154,11 +154,12 @@ def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
     base = inputs.groups.base
     mine = find_coordinates(point, names)
     rng = np.random.default_rng(inputs.seed)
-    release = _release(point, mine, inputs.groups.policy.prior.believed)
-    block = (release @ inputs.final.covariance @ release.T)[np.ix_(mine, mine)]
-    draws = rng.multivariate_normal(point.x[list(mine)], block, PARAMETER_DRAWS, method="eigh")
-    cars = [_vehicle_at(point, mine, x) for x in draws]
-    released = _vehicle_at(point, mine, (release @ point.x)[list(mine)])
+    x, covariance = release_prior(point, inputs.final.covariance, mine,
+                                  inputs.groups.policy.prior.believed)
+    draws = rng.multivariate_normal(point.x[list(mine)], covariance[np.ix_(mine, mine)],
+                                    PARAMETER_DRAWS, method="eigh", check_valid="ignore")
+    cars = [_vehicle_at(point, mine, drawn) for drawn in draws]
+    released = _vehicle_at(point, mine, x[list(mine)])
     fitted = _vehicle_at(point, mine, point.x[list(mine)])
     out = {}
     for name, (unit, quantity) in quantities.items():
@@ -168,18 +169,23 @@ def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
     return out
 
 
-def _release(point: Point, mine: Sequence[int], width: float) -> FloatArray:
-    """Return A (k, k): A x is the minimum with a prior of some coordinates ``width`` times as wide.
+def release_prior(point: Point, covariance: FloatArray, mine: Sequence[int], width: float
+                  ) -> tuple[FloatArray, FloatArray]:
+    """Return minimum (k,) and covariance (k, k) with a prior ``width`` times as wide.
 
-    With the normal matrix N and the prior weights p at the minimum x, and s the share of the prior
-    that is removed, the gradient of what remains is -s p x, so the minimum moves to
+    With the normal matrix N of the minimum x, the prior weights R that are removed, the data's part
+    B of the scores, the other prior weights P, and C = N^-1 (B + P + R) N^-1:
 
-        x + (N - s diag p)^-1 s p x = (N - s diag p)^-1 N x        p = 0 but for these coordinates
+        M  = N - R                                                 R = 0 but for coordinates `mine`
+        x' = M^-1 N x                      the gradient of what remains is -R x
+        C' = M^-1 (N C N - R) M^-1 = M^-1 (B + P) M^-1
     """
     removed = np.zeros(len(point.x))
     removed[list(mine)] = (1.0 - 1.0 / width**2) * point.space.prior_weight[list(mine)]
     normal = point.normal
-    return np.asarray(np.linalg.solve(normal - np.diag(removed), normal))
+    inverse = np.linalg.inv(normal - np.diag(removed))
+    scores = normal @ covariance @ normal - np.diag(removed)
+    return inverse @ normal @ point.x, inverse @ scores @ inverse
 
 
 def _vehicle_at(point: Point, mine: Sequence[int], x: FloatArray) -> Vehicle:
