@@ -78,3 +78,12 @@ def test_recordings_of_two_cars_are_not_pooled(log, tmp_path):
         check_inputs(two, [], PAPER)
     assert "red: " in error.value.found
     check_inputs([two[0], replace(two[0], sha256="other")], [], PAPER)
+
+
+def test_logs_with_different_angles_of_the_full_command_are_not_pooled(log, tmp_path):
+    r = record(log, tmp_path / "run.mcap", ("poses",))
+    two = [replace(r, steering_scale=scale, sha256=str(scale)) for scale in (0.38, 0.41)]
+    with pytest.raises(RecordingError, match="different scales of the steering") as error:
+        check_inputs(two, [], PAPER)
+    assert "0.38 rad" in error.value.found
+    assert "same map" in error.value.remedy

@@ -212,7 +212,7 @@ def read_imported(path: Path, digest: str, frames: int, *, poses: bool = True,
     commands = data.streams["commands"]
     made = Recording(
         path, RUN, messages, mocap, encoder, None, digest, tuple(notes), marker=data.marker,
-        span=span, car=car, drive=data.drive,
+        span=span, car=car, drive=data.drive, steering_scale=data.steering_scale,
         commands=None if mocap is None else AppliedCommands(
             freeze(commands.t - zero), freeze(commands.values[:, 1]),
             freeze(commands.values[:, 0])))

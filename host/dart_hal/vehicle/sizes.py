@@ -68,16 +68,21 @@ def list_stated_errors(model: ModelFile) -> dict[str, float]:
             if isinstance(entry, Quantity) and is_from_car_file(entry)}
 
 
-def scale_steering_lock(model: ModelFile, car: CarConfig) -> ModelFile:
-    """The model with the steering lock of a car, where its car.toml states one: a start of a fit.
+def find_steering_lock(car: CarConfig) -> float | None:
+    """Return ``limits.max_steering`` [rad] of a car, None where its car.toml states none."""
+    lock = car.limits.max_steering
+    return None if lock == CommandLimits().max_steering else lock
+
+
+def scale_steering_lock(model: ModelFile, lock: float) -> ModelFile:
+    """Return the model with a steering lock [rad]: a start of a fit.
 
     Both amplitudes of the steering map are scaled so that the mean of the angles at full
-    command is ``limits.max_steering``.
+    command is the lock.
     """
-    lock = car.limits.max_steering
     values = model.values("steering")
     names = {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}
-    if lock == CommandLimits().max_steering or set(values) != names:
+    if set(values) != names:
         return model
     # The map is proportional to its amplitudes, so one factor gives the stated lock.
     ends = make_steering(Steering(**values), ARRAY)(np.array([1.0, -1.0]))

@@ -23,6 +23,8 @@ MAX_DISORDER = 0.1
 MIN_ROWS = 30
 # Commands beyond -1..1, by rounding.
 COMMAND_TOLERANCE = 1.0 + 1e-6
+# rad: no small car steers its wheels by more.
+MAX_LOCK = 1.2
 # Columns of a bag that are tried where a map states no time.
 TIME_COLUMNS = ("stamp", "arrival")
 
@@ -81,6 +83,8 @@ def _make_reference(frame: Frame) -> Reference:
 def _read_steering(mapping: ImportMap, read: ReadStream) -> Stream:
     m = mapping.steering
     stream = read("steering", m, {"value": m.value})
+    if m.kind == "angle" and m.full_scale is not None:
+        _check_angles(stream.values, m.full_scale)
     values = stream.values if m.full_scale is None else stream.values / m.full_scale
     _check_commands("steering", values, m.kind)
     return Stream(stream.t, values)
@@ -98,6 +102,19 @@ def _read_throttle(mapping: ImportMap, read: ReadStream) -> Stream:
     if m.gate:
         values = np.where(stream.values[:, 1:] != 0.0, values, 0.0)
     return Stream(stream.t, values)
+
+
+def _check_angles(angles: FloatArray, full_scale: float) -> None:
+    worst = float(np.max(np.abs(angles)))
+    if worst > COMMAND_TOLERANCE * full_scale:
+        raise RecordingError(
+            "the steering angles exceed full_scale",
+            found=f"largest angle {worst:.4g} rad, full_scale = {full_scale:g}",
+            expected="full_scale of at least the largest angle",
+            likely="a map of a car with a smaller lock" if worst < MAX_LOCK
+            else "an angle in degrees, or of the steering wheel",
+            remedy=f"copy the map and write full_scale = {worst:.4g} or more into [steering]"
+            if worst < MAX_LOCK else 'state unit = "deg" or the scale of the value of [steering]')
 
 
 def _check_commands(name: str, values: FloatArray, kind: str) -> None:

@@ -12,7 +12,7 @@ import msgspec
 
 from dart_hal.cli.common.options import cars_option
 from dart_hal.cli.common.output import console, print_line
-from dart_hal.core.config import CarFiles, ModelFile, load_car
+from dart_hal.core.config import CarConfig, CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
@@ -20,6 +20,7 @@ from dart_hal.vehicle.sets import SETS
 from dart_hal.vehicle.sizes import (
     SIZES,
     describe_sizes,
+    find_steering_lock,
     list_differences,
     scale_steering_lock,
     set_sizes,
@@ -113,7 +114,8 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
     stated = name not in SETS and not source.startswith(ASSUMED_PREFIX)
     if car is not None and (fitting or not stated):
         changed = set_sizes(model, car.config.geometry)
-        changed = scale_steering_lock(changed, car.config) if fitting else changed
+        lock = _find_start_lock(car.config, recordings) if fitting else None
+        changed = changed if lock is None else scale_steering_lock(changed, lock)
         return _record_source(changed, f"car {car.config.name} ({car.origin})")
     if car is not None:
         differences = list_differences(model, car.config.geometry)
@@ -122,6 +124,8 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
         return _record_source(model, f"the model {name}", caution=caution)
     if stated:
         return _record_source(model, f"the model {name}")
+    lock = _find_start_lock(None, recordings) if fitting else None
+    model = model if lock is None else scale_steering_lock(model, lock)
     # Runs contain the car.toml of their car. One of another car, or none, ends this rule.
     owner = recordings[0].car if recordings else None
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
@@ -130,6 +134,16 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
                               f"car {owner.name}, as recorded in its runs")
     published = bool(recordings) and all(r.published for r in recordings)
     return _record_source(model, "the DART car", assumed=not published)
+
+
+def _find_start_lock(car: CarConfig | None, recordings: Sequence[Recording]) -> float | None:
+    """Return the steering angle [rad] of the command 1 at the start of a fit, None if unknown.
+
+    An imported recording of angles states it; otherwise it is the largest angle of the car.
+    """
+    scales = {r.steering_scale for r in recordings}
+    stated = scales.pop() if len(scales) == 1 else None
+    return stated or (None if car is None else find_steering_lock(car))
 
 
 def _record_source(model: ModelFile, source: str, *, assumed: bool = False,

@@ -184,6 +184,7 @@ class Recording:
     spans [s]: intervals that may be evaluated, see ``spans``; empty: the whole recording.
     drive: "duty": throttles are -1..1; "speed": they are the commanded speeds [m/s] of a speed
     loop, also in ``messages`` and ``commands``.
+    steering_scale: logged steering angle [rad] of the command 1; None: the log has no angle.
     """
 
     path: Path
@@ -204,6 +205,7 @@ class Recording:
     commands: AppliedCommands | None = None
     spans: tuple[tuple[float, float], ...] = ()
     drive: str = "duty"
+    steering_scale: float | None = None
 
     @property
     def name(self) -> str:
