@@ -22,6 +22,7 @@ import bench_estimation
 import bench_evaluate
 import bench_firmware
 import bench_identify
+import bench_import
 import bench_joint
 import bench_lidar
 import bench_light
@@ -57,6 +58,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "encoder": bench_encoder.figures,
     "decode": bench_decode.figures,
     "recording": bench_recording.figures,
+    "import": bench_import.figures,
     "estimation": estimation,
     "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,

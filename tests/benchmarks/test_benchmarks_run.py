@@ -8,6 +8,7 @@ import bench_decode
 import bench_emulation
 import bench_encoder
 import bench_firmware
+import bench_import
 import bench_recording
 import pytest
 from figures import Figure
@@ -68,6 +69,12 @@ def test_recording():
     cpu, size = bench_recording.figures(TINY)
     assert 0 < cpu.value < 100
     assert 100 < size.value < 200, "kB, of 100 States and what comes with them"
+
+
+def test_import():
+    (cpu,) = bench_import.figures(0.2)
+    assert cpu.value > 0.0
+    assert cpu.high == 1.0
 
 
 @pytest.mark.emulator
