@@ -130,14 +130,15 @@ def guess_map(tables: Sequence[Table]) -> GuessedMap:
 
 
 def _candidates(tables: Sequence[Table], role: str,
-                accept: Callable[[str], bool] = lambda name: True
+                accept: Callable[[str], bool] = lambda name: True, last: Table | None = None
                 ) -> Iterator[tuple[Table, str]]:
-    """Yield (table, column) by the rules for a role, best first."""
+    """Yield (table, column) by the rules for a role, best first; a rule tries ``last`` at the end.
+    """
     for rule in NAME_RULES[role]:
         hits = [(table, name) for table in tables for name in table.columns
                 if re.search(rule, name.lower()) and accept(f"{table.name} {name}".lower())
                 and name not in table.text_columns and np.isfinite(table.columns[name]).any()]
-        yield from sorted(hits, key=lambda hit: -len(hit[0]))
+        yield from sorted(hits, key=lambda hit: (hit[0] is last, -len(hit[0])))
 
 
 def _column(name: str) -> Column:
@@ -291,7 +292,9 @@ def _add_sensors(proposal: Proposal, tables: Sequence[Table]) -> None:
     for stream, roles in (("encoder", {"speed": "speed"}), ("gyro", {"yaw_rate": "yaw_rate"}),
                           ("accelerometer", {"x": "accel_x", "y": "accel_y"})):
         first, *others = roles.items()
-        for table, name in _candidates(tables, first[1], is_measured):
+        # The twist of a particle filter is no sensor: another topic has the odometry.
+        for table, name in _candidates(tables, first[1], is_measured,
+                                       proposal.tables.get("poses")):
             columns = {first[0]: _column(name)}
             for key, role in others:
                 match = next((n for _, n in _candidates([table], role, is_measured)), None)

@@ -35,7 +35,8 @@ def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Paramet
             print_line(f"  {s.caution()}", style="yellow")
         for command in s.commands:
             print_line(f"  {command}")
-        print_line("  on a real car with --url; then dart-hal diagnose with the new recording too"
+        program = "on a real car with --url" if s.commands else "with your own program"
+        print_line(f"  {program}; then dart-hal diagnose with the new recording too"
                    + (" (drive within the motion capture volume)" if "capture" in s.needs else ""))
         if not s.enough:
             print_line(f"  by hand: {s.by_hand}", style="dim")

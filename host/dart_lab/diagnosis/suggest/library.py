@@ -1,4 +1,9 @@
-"""Library of drives that can be suggested: experiments, once or twice, as command series."""
+"""Library of drives that can be suggested: experiments, once or twice, as command series.
+
+The experiments command a duty cycle. For a car with a speed loop they are rehearsed with a motor of
+duty on the same body; the commanded speed is then the speed of that drive, and 0 where it coasts.
+So the path needs the same floor.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +17,10 @@ from dart_hal.core.config import CarFiles, ModelFile, parse_car
 from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.experiment.floor import Floor
 
 from .virtual import VirtualCommands
@@ -45,7 +54,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class RehearsedDrive:
-    """A choice on a floor: commands of each part, shell commands, and duration."""
+    """A choice on a floor: commands of each part, shell commands, and duration.
+
+    shell_commands: empty for a car with a speed loop, which `dart-hal experiment` does not drive.
+    """
 
     choice: Choice
     commands: tuple[VirtualCommands, ...]
@@ -91,19 +103,29 @@ def rehearse_choices(floor: Floor, model: ModelFile | None = None,
 
     model: of the car that drives; None = the paper's.
     """
-    files = _files(model)
+    is_speed = model is not None and vehicle_of(model).drive == "speed"
+    files = _files(_with_duty_motor(vehicle_of(model)) if is_speed and model is not None else model)
     commands_by_name: dict[str, VirtualCommands | None] = {}
     for choice in choices:
         for part in choice.parts:
             if part.experiment not in commands_by_name:
                 commands_by_name[part.experiment] = (
                     _paper_commands(part.experiment, floor) if model is None
-                    else _commands(part.experiment, files, floor))
+                    else _commands(part.experiment, files, floor, is_speed))
         commands = [c for part in choice.parts
                     if (c := commands_by_name[part.experiment]) is not None]
         if len(commands) == len(choice.parts):
-            yield RehearsedDrive(choice, tuple(commands), shell_commands(choice, floor),
+            yield RehearsedDrive(choice, tuple(commands),
+                                 () if is_speed else shell_commands(choice, floor),
                                  sum(c.seconds for c in commands))
+
+
+def _with_duty_motor(p: Vehicle) -> ModelFile:
+    """Return the car with the paper's motor and friction, scaled to its mass."""
+    scale = p.body.mass / PAPER.body.mass
+    motor = replace(PAPER.duty_motor, d=scale * PAPER.duty_motor.d, e=scale * PAPER.duty_motor.e)
+    friction = replace(PAPER.friction, a=scale * PAPER.friction.a, c=scale * PAPER.friction.c)
+    return model_of(replace(p, motor=motor, friction=friction))
 
 
 def shell_commands(choice: Choice, floor: Floor) -> tuple[str, ...]:
@@ -129,8 +151,12 @@ def _files(model: ModelFile | None) -> CarFiles:
     return replace(files, calibration=None, model=model)
 
 
-def _commands(name: str, files: CarFiles, floor: Floor) -> VirtualCommands | None:
-    """Rehearse an experiment and return its commands; None if it does not fit."""
+def _commands(name: str, files: CarFiles, floor: Floor, is_speed: bool = False
+              ) -> VirtualCommands | None:
+    """Rehearse an experiment and return its commands; None if it does not fit.
+
+    is_speed: commanded speeds [m/s] in place of throttles.
+    """
     # Imported here because it takes 0.3 s, and every diagnosis loads this module.
     from dart_lab.identification.experiment.make import make_plan
     from dart_lab.identification.experiment.rehearsal import rehearse_plan
@@ -147,5 +173,6 @@ def _commands(name: str, files: CarFiles, floor: Floor) -> VirtualCommands | Non
         rest = np.zeros(round(REST_S / SAMPLE))
         return np.concatenate([rest, np.array(values)[index], rest])
 
-    return VirtualCommands(series([f.throttle for f in drive.frames]),
-                           series([f.steering for f in drive.frames]))
+    throttle = [(f.speed if f.throttle > 0.0 else 0.0) if is_speed else f.throttle
+                for f in drive.frames]
+    return VirtualCommands(series(throttle), series([f.steering for f in drive.frames]))
