@@ -219,7 +219,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
 
     losses = {frozenset(): make_residuals(1.5), frozenset({"motor"}): make_residuals(1.0)}
     loss_ratio, low, _ = group_cost(losses.__getitem__, frozenset({"motor"}), "motor")
-    assert loss_ratio > USUAL.claims.worth
+    assert loss_ratio > USUAL.claims.min_error_ratio
     assert low > 1.0
 
 
@@ -247,9 +247,9 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_decide():
     steering, throttle, both = (frozenset(g) for g in (
         {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
     either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
-    assert _pair_groups(either, USUAL.claims.unsure) == [both]
+    assert _pair_groups(either, USUAL.claims.min_pair_probability) == [both]
     certain = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
-    assert _pair_groups(certain, USUAL.claims.unsure) == []
+    assert _pair_groups(certain, USUAL.claims.min_pair_probability) == []
     late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
     before, later = (list_quantities("command timing")["steering later than throttle"][1](p)
                      for p in (PAPER, late))

@@ -50,7 +50,7 @@ def test_what_is_there_is_certain_and_what_is_not_is_not():
     rng = np.random.default_rng(1)
     assert probability(problem(rng, 0.3), -1.0, BOOTSTRAP_DRAWS, 0) > 0.97
     weak = [probability(problem(rng, 0.02), -1.0, BOOTSTRAP_DRAWS, i) for i in range(20)]
-    assert np.median(weak) < USUAL.grade.likely
+    assert np.median(weak) < USUAL.grade.likely_probability
 
 
 def test_what_the_family_of_another_explains_is_no_second_cause():
@@ -61,7 +61,7 @@ def test_what_the_family_of_another_explains_is_no_second_cause():
     rng = np.random.default_rng(2)
     free, held = (probability(problem(rng, 0.3, [same_signal], pull), -1.0, BOOTSTRAP_DRAWS, 0)
                   for pull in (1e-3, 1e6))
-    assert free < USUAL.grade.likely
+    assert free < USUAL.grade.likely_probability
     assert held > 0.95  # the control: without the family it is
 
 

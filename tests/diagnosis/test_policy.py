@@ -58,7 +58,7 @@ def test_a_policy_is_frozen_and_equal_to_its_like():
     with pytest.raises(FrozenInstanceError):
         USUAL.naming = USUAL.naming
     assert Policy() == USUAL
-    assert changed(USUAL, "naming.keeps", 1.0) != USUAL
+    assert changed(USUAL, "naming.min_kept_share", 1.0) != USUAL
 
 
 def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
@@ -72,7 +72,7 @@ def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
 def test_a_search_decides_by_the_policy_that_it_is_given():
     lag = drive(("steering_lag", 0.06), seed=8)
     assert names(search(lag, names=("steering_lag",))) == ["steering_lag"]
-    strict = changed(USUAL, "naming.least_size", 100.0)
+    strict = changed(USUAL, "naming.min_size", 100.0)
     assert names(search(lag, names=("steering_lag",), policy=strict)) == []
 
 
@@ -124,7 +124,7 @@ def test_half_and_double_are_of_what_is_usual():
 
 def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     def ask(*files, policy=USUAL, **how):
-        return {"verdict": str(policy.naming.keeps < 1.0)}  # 0.5 is, and 0.25; 1 is not
+        return {"verdict": str(policy.naming.min_kept_share < 1.0)}  # 0.5 is, and 0.25; 1 is not
 
     monkeypatch.setattr(sensitivity, "ask", ask)
     monkeypatch.setattr(sensitivity, "run", lambda case, seconds, thresholds: {
@@ -132,12 +132,13 @@ def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     cases = [SimpleNamespace(key="a"), SimpleNamespace(key="b")]
     known = {c.key: sensitivity.examine((c, "", 1.0), (1.0, 1.0)) for c in cases}
     noted = known["a"]["noted"]
-    assert {n for n, factors in noted.items() if factors} == {"naming.keeps"}
-    assert noted["naming.keeps"] == [2.0]
+    assert {n for n, factors in noted.items() if factors} == {"naming.min_kept_share"}
+    assert noted["naming.min_kept_share"] == [2.0]
     repeated = sensitivity.choose(cases, known, checked=1, repeats=9)
-    assert [(c.key, f) for c, n, f in repeated if n == "naming.keeps"] == [
+    assert [(c.key, f) for c, n, f in repeated if n == "naming.min_kept_share"] == [
         ("a", 0.5), ("a", 2.0), ("b", 2.0)]
-    assert [(c.key, f) for c, n, f in repeated if n == "noise.wild"] == [("a", 0.5), ("a", 2.0)]
-    other = sensitivity.examine((cases[0], "naming.keeps", 2.0), (1.0, 1.0))
-    assert other == {"key": "a naming.keeps x 2", "verdict": "False"}
+    assert [(c.key, f) for c, n, f in repeated if n == "noise.max_residual"] == [
+        ("a", 0.5), ("a", 2.0)]
+    other = sensitivity.examine((cases[0], "naming.min_kept_share", 2.0), (1.0, 1.0))
+    assert other == {"key": "a naming.min_kept_share x 2", "verdict": "False"}
     assert not sensitivity.same_numbers(known["a"], other)

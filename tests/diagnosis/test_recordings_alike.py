@@ -23,7 +23,7 @@ from dart_lab.diagnosis.evidence.space import (
 )
 from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.grade.alike import PROBES, SizesByRecording, find_groups
-from dart_lab.diagnosis.policy import USUAL, AlikePolicy
+from dart_lab.diagnosis.policy import USUAL, TwoCarsPolicy
 from dart_lab.diagnosis.result import ParameterChange
 from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import evaluate_point
@@ -106,7 +106,8 @@ def test_a_test_set_of_another_floor_is_reported(drive):
 def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     """Control: what the model lacks makes every drive want a little else."""
     same = [drive("slack", SLACK, i) for i in range(4)]
-    blind = replace(USUAL, alike=AlikePolicy(errors=0.0, least=0.0, within=0.0))
+    blind = replace(USUAL, two_cars=TwoCarsPolicy(
+        min_difference_stds=0.0, min_difference_sizes=0.0, min_spread_ratio=0.0))
     assert "floor" in list_warnings(same[:3], same[3:], policy=blind)
 
 
@@ -129,7 +130,7 @@ def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
     error = rng.uniform(0.003, 0.03, (n, len(PROBES)))
     sizes = SizesByRecording(tuple(map(str, range(n))),
                              error * rng.standard_normal(error.shape), error)
-    assert find_groups(sizes, USUAL.alike) is None
+    assert find_groups(sizes, USUAL.two_cars) is None
 
 
 def test_a_parameter_or_a_time_on_its_bound_is_reported(drive):

@@ -46,7 +46,7 @@ def test_a_change_within_the_covariance_is_none(changes):
 
 
 def test_a_single_change_beyond_its_error_counts_with_any_covariance():
-    assert exceeds((USUAL.claims.stated + 0.1, 0.0))
+    assert exceeds((USUAL.claims.max_stated_stds + 0.1, 0.0))
     assert exceeds((0.0, 0.0), known=()), "a parameter without a stated error has no range"
 
 
@@ -72,7 +72,7 @@ def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_i
         fitted = measured * data_std**-2 / normal[0, 0]
         point = SimpleNamespace(x=np.array([fitted]), normal=normal, space=space)
         (released,), ((variance,),) = release_prior(point, np.linalg.inv(normal), (0,),
-                                                    USUAL.prior.believed)
+                                                    USUAL.prior.max_stated_stds)
         drawn += abs(fitted - truth) > 1.645 * normal[0, 0]**-0.5
         held += abs(fitted - truth) <= 1.645 * np.hypot(variance**0.5, released - fitted)
     assert held / trials >= 0.88

@@ -47,14 +47,14 @@ def list_worse_channels(gain: Mapping[str, ErrorReduction], policy: ConclusionPo
     Where the recordings are too short for an interval: worse by more than ``policy.worse``.
     """
     return [name for name, g in gain.items()
-            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -policy.worse)]
+            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -policy.min_error_rise)]
 
 
 def _compare_recordings(last: Point, sets: tuple[RecordingSet, RecordingSet], policy: Policy
                         ) -> list[str]:
     """Warn if the recordings are of two cars or floors."""
     train, test = (estimate_sizes(part.evidence, part.names, last, policy) for part in sets)
-    found = find_groups(join_sizes(train, test), policy.alike)
+    found = find_groups(join_sizes(train, test), policy.two_cars)
     if found is None:
         return []
     if _separates_sets(found, train.recordings, test.recordings):

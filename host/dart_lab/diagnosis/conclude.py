@@ -126,7 +126,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     possible = _list_possible(found, accepted, q)
     exchanges = list_exchanges({one.effect: one.confounders for one in distinguished},
                                [n for n, grade in accepted.grades.items()
-                                if grade.probability < policy.grade.confident],
+                                if grade.probability < policy.grade.confident_probability],
                                [one.effect for one in possible])
     fitted_to = q.train.evidence if final.point is last else fits.evidence
     final = include_alternatives(final, exchanges, q.search, fitted_to, policy.scan)
@@ -312,7 +312,7 @@ def _list_parameter_changes(q: DiagnosisSetup, final: FinalFit) -> dict[str, Par
         if ((point.x[i] - space.low[i] < FIT_ON_BOUND and value(logged, name) > 0.0)
                 or space.high[i] - point.x[i] < FIT_ON_BOUND):
             doubt = AT_BOUND
-        elif abs(point.x[i]) > q.settings.policy.prior.believed:
+        elif abs(point.x[i]) > q.settings.policy.prior.max_stated_stds:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
         out[name] = ParameterChange(float(value(q.base, name)), float(value(logged, name)),
                                     final.stds[name], unit(q.base, name), doubt)
@@ -326,8 +326,8 @@ def _list_possible(found: SearchResult, accepted: AcceptedEffects, q: DiagnosisS
     loss = {n.effect: n.gain for n in found.accepted}
     ordered = sorted(accepted.rejected.items(), key=lambda item: -item[1].probability)
     return tuple(Possible(name, catalogue()[name].title, one.probability, loss[name], one.why,
-                          "likely" if one.probability >= policy.likely else "possible")
-                 for name, one in ordered if one.probability >= policy.possible)
+                          "likely" if one.probability >= policy.likely_probability else "possible")
+                 for name, one in ordered if one.probability >= policy.possible_probability)
 
 
 def _list_considered(found: SearchResult, withdrawn: Sequence[str], accepted: AcceptedEffects

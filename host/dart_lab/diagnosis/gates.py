@@ -47,7 +47,7 @@ class Candidate:
     def confirmation(self, policy: Policy) -> float:
         """Return what must exceed 1: the ratio if confident, else the lower end of its interval."""
         ratio, low, _ = self.cost
-        confident = self.probability >= policy.grade.confident
+        confident = self.probability >= policy.grade.confident_probability
         return ratio if confident or not math.isfinite(low) else low
 
     def errors_without(self) -> str:
@@ -91,30 +91,32 @@ GATES = (
     AcceptanceGate("largest gain", "scan", lambda c, p: not c.chosen,
          lambda p: "no better effect has passed in this round",
          lambda c: f"gains less than {c.chosen}"),
-    AcceptanceGate("size", "scan", lambda c, p: c.size >= p.naming.tried_size,
-         lambda p: f"at least {p.naming.tried_size:g} of its small size", lambda c: TOO_SMALL),
+    AcceptanceGate("size", "scan", lambda c, p: c.size >= p.naming.min_tried_size,
+         lambda p: f"at least {p.naming.min_tried_size:g} of its small size", lambda c: TOO_SMALL),
     AcceptanceGate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
          lambda p: "the gain of the full fit is above the same threshold",
          lambda c: "the full fit does not keep the gain of the linear answer"),
-    AcceptanceGate("size of the fit", "fit", lambda c, p: c.size >= p.naming.least_size,
-         lambda p: f"at least {p.naming.least_size:g} of its small size", lambda c: TOO_SMALL),
+    AcceptanceGate("size of the fit", "fit", lambda c, p: c.size >= p.naming.min_size,
+         lambda p: f"at least {p.naming.min_size:g} of its small size", lambda c: TOO_SMALL),
     AcceptanceGate("gain with the others", "search", lambda c, p: c.remaining_gain >= c.threshold,
          lambda p: "without it the loss rises by at least its threshold",
          lambda c: "causes found later explain what it did"),
     AcceptanceGate("structure", "structure",
          lambda c, p: (c.structure_after <= c.structure_removed
-                       or c.structure_after <= p.conclusion.spurious * c.structure_before),
+                       or c.structure_after
+                       <= p.conclusion.max_remaining_share * c.structure_before),
          lambda p: ("the structure left where it acts is less than what it removes, or than "
-                    f"{p.conclusion.spurious:g} of the structure without it"),
+                    f"{p.conclusion.max_remaining_share:g} of the structure without it"),
          lambda c: WITHDRAWN),
     AcceptanceGate("possible size", "grade", lambda c, p: not c.impossible,
          lambda p: "a car can have its size", lambda c: c.impossible),
-    AcceptanceGate("probability", "grade", lambda c, p: c.probability >= p.grade.likely,
-         lambda p: f"in at least {p.grade.likely:g} of draws data left out are predicted better",
+    AcceptanceGate("probability", "grade", lambda c, p: c.probability >= p.grade.likely_probability,
+         lambda p: (f"in at least {p.grade.likely_probability:g} of draws data left out are "
+                    "predicted better"),
          lambda c: IMPROBABLE),
     AcceptanceGate("confirmation", "test", lambda c, p: c.confirmation(p) > 1.0,
          lambda p: ("the test errors without it are larger; the interval of their ratio is above "
-                    f"1 where the probability is below {p.grade.confident:g}"),
+                    f"1 where the probability is below {p.grade.confident_probability:g}"),
          lambda c: f"the test recordings do not confirm it: {c.errors_without()}"),
 )
 

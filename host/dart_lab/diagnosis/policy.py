@@ -31,18 +31,18 @@ class InputPolicy:
     small_train_s: float = 40.0  # s of driving, 20 blocks; below, a note: little is detectable
     test_s: float = 4.0  # s of driving: 8 windows
     test_share: float = 0.4  # held out of each recording where no test is given: 80 of 200 s
-    factor: float = 2.5  # to the measured motion: no effect of a sound car reaches it, km/h do
-    log_factor: float = 0.2  # of the logarithm; from degrees to cm, the nearest two, it is 0.56
-    quartiles: float = 1.5  # third over first quartile of a ratio that is one factor
-    correlation: float = 0.8  # and share of one sign, above which a factor is reported
-    turning: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``driving``
-    driving: float = 0.5  # m/s; below 0.2 the encoder counts too little
-    gentle: float = 2.0  # m/s2 sideways, below which a car rolls without slip
-    steered: float = 0.1  # rad at the wheels: five times a large trim
-    steady: float = 0.05  # rad, the most that a steered wheel may move ...
-    steady_s: float = 0.3  # s ... in this time, twice the steering delay
-    other_car: float = 2.0  # factor of the curvature at which it looks like another car's model
-    dead_gyro: float = 1e-6  # rad/s, below one count of any gyro
+    max_factor: float = 2.5  # to the measured motion: no effect of a sound car reaches it, km/h do
+    max_log_error: float = 0.2  # of the logarithm; from degrees to cm, the nearest two, it is 0.56
+    max_quartile_ratio: float = 1.5  # third over first quartile of a ratio that is one factor
+    min_correlation: float = 0.8  # and share of one sign, above which a factor is reported
+    min_yaw_rate: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``min_speed``
+    min_speed: float = 0.5  # m/s; below 0.2 the encoder counts too little
+    max_lateral_accel: float = 2.0  # m/s2 sideways, below which a car rolls without slip
+    min_wheel_angle: float = 0.1  # rad at the wheels: five times a large trim
+    max_angle_change: float = 0.05  # rad, the most that a steered wheel may move ...
+    angle_change_s: float = 0.3  # s ... in this time, twice the steering delay
+    max_curvature_factor: float = 2.0  # of the curvature; beyond, the model is of another car
+    min_gyro_rate: float = 1e-6  # rad/s, below one count of any gyro: a dead one
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +50,14 @@ class EvidencePolicy:
     """Windows and messages of a recording that are evaluated."""
 
     whole_s: float = 300.0  # s of recordings, from which on windows do not overlap: cost
-    bend: float = 0.1  # rad/s of yaw rate in 0.1 s; a derivative is off it, like less yaw inertia
-    shaken_bend: float = 0.4  # rad/s; an accelerometer shakes more than a derivative is off
-    speed_bend: float = 0.08  # m/s in 0.14 s; the same for an accelerometer along the car
-    stands: float = 0.03  # m/s, car at rest: three times the noise of a pose in 0.1 s
-    held: float = 0.1  # rad/s; a car that turns faster with wheels at rest is being carried
-    wheel: float = 0.2  # m/s; below it an encoder counts too little to be judged
-    level: float = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
-    backwards: float = -0.01  # throttle; below it a car may reverse, and an encoder has no sign
+    max_yaw_rate_bend: float = 0.1  # rad/s in 0.1 s; a derivative is off it, like less yaw inertia
+    max_accel_bend: float = 0.4  # rad/s; an accelerometer shakes more than a derivative is off
+    max_speed_bend: float = 0.08  # m/s in 0.14 s; the same for an accelerometer along the car
+    max_rest_speed: float = 0.03  # m/s, car at rest: three times the noise of a pose in 0.1 s
+    max_rest_yaw_rate: float = 0.1  # rad/s; a car that turns faster, wheels at rest, is carried
+    min_encoder_speed: float = 0.2  # m/s; below it an encoder counts too little to be judged
+    min_level_std: float = 0.05  # m/s2; a floor is level to 5 mrad at best, for any sensor
+    min_forward_throttle: float = -0.01  # below it a car may reverse; an encoder has no sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +65,15 @@ class NoisePolicy:
     """Weights of residuals."""
 
     robust: float = 3.0  # standard deviations where the loss turns linear; 0.3 % of normal ones
-    wild: float = 30.0  # standard deviations, the largest loss of a residual: 10 ``robust``
+    max_residual: float = 30.0  # standard deviations; residuals are clipped there: 10 ``robust``
     encoder_floor: float = 0.002  # m/s: half a millisecond of jitter at 4 m/s2
     gyro_floor: float = 0.00031  # rad/s: a step of 1/16 deg/s (BNO055) over sqrt(12) ...
     accel_floor: float = 0.0029  # m/s2: ... and one of 0.01: rounded values are not more accurate
     ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
-    age_tells: float = 3.0  # standard deviations by which the oldest command must move a reading
-    passes: int = 5  # fits with a new effect, each with the noise that the one before leaves ...
-    settled: float = 0.1  # ... until its log volume falls by no more: 1 % of each of ten channels
+    min_age_effect: float = 3.0  # standard deviations that the oldest command must move a reading
+    max_passes: int = 5  # fits with a new effect, each with the noise that the last one leaves ...
+    volume_tolerance: float = 0.1  # ... until its log volume falls by less: 1 % of ten channels
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class BlockPolicy:
 class PriorPolicy:
     """Prior distribution of the parameters."""
 
-    believed: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
+    max_stated_stds: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
     effect_width: float = 4.0  # medium sizes in one standard deviation: a medium effect costs 0.06
 
 
@@ -98,12 +98,12 @@ class ScanPolicy:
     ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
     dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)  # same
     # for effects whose gain has several maxima: steps of a fifth
-    faint: float = 3.0  # predicted loss reduction of a parabola above which larger sizes are tried
-    kept: float = 0.05  # of the predicted reduction: the maximum is that close to the parabola's
-    known: float = 0.25  # of what sizes did in the round before; as slopes are kept (Shamanskii)
+    min_predicted_loss: float = 3.0  # reduction by a parabola above which larger sizes are tried
+    peak_tolerance: float = 0.05  # of the predicted reduction, between maximum and parabola's
+    slope_tolerance: float = 0.25  # of what sizes did in the last round; slopes stay (Shamanskii)
     refinements: int = 6  # parabola steps after the ladder; most end after one, as predicted
-    met: float = 0.02  # of a prediction: a parabola that is that accurate is at its maximum
-    resolved: float = 0.1  # of a size; a rung is no nearer to the best one where parabolas fail
+    prediction_tolerance: float = 0.02  # of a prediction: so accurate, a parabola is at its maximum
+    min_size_step: float = 0.1  # of a size; rungs are no nearer to the best where parabolas fail
     bisections: int = 5  # between two rungs where a threshold may be: a thirtieth of their distance
     threshold: float = 0.5  # of what is in proportion to its size; less moves as below a threshold
 
@@ -114,24 +114,24 @@ class NamingPolicy:
 
     draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
     explanations: int = 3  # fits of a round to find the best explanation ...
-    keeps: float = 0.5  # ... which reaches this share of the linearly predicted gain
-    hidden: float = 2.0  # times the gain, once the noise is measured without the best explanation,
+    min_kept_share: float = 0.5  # ... which reaches this share of the linearly predicted gain
+    min_hidden_ratio: float = 2.0  # times the gain, once the noise is without the best explanation,
     # from where on that explanation was part of the noise: else the two gains are the same
-    sharpenings: int = 3  # measurements of that noise in a round; each halves what is left
-    least_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
-    tried_size: float = 0.4  # of the small size, by the linear answer: half, it may be off as much
-    furthest: float = 2.0  # of the change of each of two alone: limit of the linear model
-    sure: float = 4.0  # thresholds; an effect with that statistic is not tested again
+    max_sharpenings: int = 3  # measurements of that noise in a round; each halves the rest
+    min_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
+    min_tried_size: float = 0.4  # of the small size, by the linear answer, which may be off by half
+    max_change_ratio: float = 2.0  # of the change of each of two alone: limit of the linear model
+    certain_ratio: float = 4.0  # thresholds; an effect with that statistic is not tested again
 
 
 @dataclass(frozen=True, slots=True)
 class ConfounderPolicy:
     """When two effects are confounded: they explain the data equally well."""
 
-    gain: float = 0.5  # of the gain of the winner; one that gains less is not compared with it
-    cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
-    clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
-    loss: float = 4.0  # a smaller difference is not significant, even if it is steady
+    min_gain_share: float = 0.5  # of the gain of the winner; one with less is not compared with it
+    min_cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
+    min_difference_stds: float = 2.0  # of the loss difference over blocks: 1 in 44
+    min_loss_difference: float = 4.0  # a smaller one is not significant, even if it is steady
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,75 +142,75 @@ class GradePolicy:
     units: int = 16  # stretches of time, where recordings are fewer ...
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state
     place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it
-    confident: float = 0.97  # probability of an effect: 110 of 110 right
-    likely: float = 0.8  # 16 of 21 right, 11 of the 12 that the test recordings confirm
-    possible: float = 0.3  # probability below which it is not even possible
+    confident_probability: float = 0.97  # probability of an effect: 110 of 110 right
+    likely_probability: float = 0.8  # 16 of 21 right, 11 of the 12 that the test recordings confirm
+    possible_probability: float = 0.3  # probability below which it is not even possible
     waves: int = 3  # half waves along each variable on which a size may depend
     period_s: float = 5.0  # s; the shortest wave along time
     time_waves: int = 48  # at most: two minutes of them
-    changes: float = 0.01  # level at which a change of a size is reported; a correct one once in 25
-    least_change: float = 0.1  # of its size, root mean square; smaller changes are not reported
+    change_level: float = 0.01  # level of a change that is reported; of correct sizes once in 25
+    min_change: float = 0.1  # of its size, root mean square; smaller changes are not reported
     turns: int = 999  # signs of blocks turned: ten of them beyond that level
 
 
 @dataclass(frozen=True, slots=True)
-class AlikePolicy:
+class TwoCarsPolicy:
     """When recordings have two different cars or floors."""
 
-    errors: float = 6.0  # standard errors between the two groups
-    least: float = 1.0  # medium sizes of an effect between them; days differ by less
-    within: float = 4.0  # times the distance of any recording from its own group
+    min_difference_stds: float = 6.0  # standard errors between the two groups
+    min_difference_sizes: float = 1.0  # medium sizes of an effect between them; days differ by less
+    min_spread_ratio: float = 4.0  # times the distance of any recording from its own group
 
 
 @dataclass(frozen=True, slots=True)
 class ClaimPolicy:
     """When a parameter of the model is reported as wrong."""
 
-    prior: float = 0.2  # probability that a group is wrong: one or two of seven
-    certain: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
-    near: float = 25.0  # loss; parameters that go no further need no fit: five standard deviations
-    swap: float = 100.0  # twice a log probability to second order; a far move is off by as much
-    hardly: float = 0.05  # probability below which a group is not looked at again
-    guessed: float = 0.01  # the same to second order, below which no fit asks for it
+    prior_probability: float = 0.2  # probability that a group is wrong: one or two of seven
+    max_criterion_gap: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
+    max_linear_rise: float = 25.0  # loss; smaller moves need no fit: five standard deviations
+    max_swap_gap: float = 100.0  # the same to second order, which is inexact for far moves
+    min_group_probability: float = 0.05  # probability below which a group is not looked at again
+    min_guessed_probability: float = 0.01  # the same to second order: below, it is not fitted
     draws: int = 128  # of units
-    believed: float = 0.5  # probability from which on a group is claimed: rather than not ...
-    worth: float = 1.03  # ... if errors on test recordings are this many times as large without it,
+    min_probability: float = 0.5  # of a group that is claimed: rather than not ...
+    min_error_ratio: float = 1.03  # ... if test errors are this many times as large without it,
     # (of 41 of the campaign 33 are exact, 30 at 1.01; 32 with a P of 0.8) ...
-    sure: float = 0.97  # ... below this probability by the lower end of a 90 % interval
+    certain_probability: float = 0.97  # ... below this probability, by the lower 90 % limit
     stretch_s: float = 15.0  # s of a test recording, for the interval of the change of its error
-    stated: float = 2.0  # standard errors that the file states; within them nothing is wrong
-    instead: float = 0.1  # probability of another group without this one, to be its confounder
-    unsure: float = 0.05  # probability of a pair minus that of each part: one claim for both
+    max_stated_stds: float = 2.0  # standard errors of the file; within them nothing is wrong
+    min_confounder_probability: float = 0.1  # of another group without this one
+    min_pair_probability: float = 0.05  # of a pair, minus that of each part: one claim for both
 
 
 @dataclass(frozen=True, slots=True)
 class UnexplainedPolicy:
     """When the remaining residuals have structure."""
 
-    share: float = 0.1  # of the variance; less structure is not reported: 5 % of the error
+    min_share: float = 0.1  # of the variance; less structure is not reported: 5 % of the error
     accel: float = 0.03  # m/s2, root mean square; an accelerometer's sensitivity and the angle
     # between its axes are good to 1 % by its data sheet (BNO055), and a car pulls 3 m/s2 aside
     encoder: float = 0.006  # m/s, the same; one edge of 2.1 mm in 0.1 s over sqrt(12)
-    sharp: float = 2.0  # times the level, at which the exact null must agree with the sharp one
-    doubted: float = 6.0  # times the level by a tenth of the turns, from where on all are made:
+    max_null_ratio: float = 2.0  # times the level, at which the exact null must agree too
+    first_level_ratio: float = 6.0  # times the level by a tenth of the flips; below, all are made:
     # what is at the level is above it once in 300
-    multiply: float = 1.25  # by which one more variable must multiply the share
-    blocks: int = 200  # at most: longer ones for longer data, the cost is by the block
-    least_blocks: int = 10  # 2^10 ways to turn signs: enough for a level of 1 %
+    min_share_ratio: float = 1.25  # by which one more variable must multiply the share
+    max_blocks: int = 200  # at most: longer ones for longer data, the cost is by the block
+    min_blocks: int = 10  # 2^10 ways to turn signs: enough for a level of 1 %
     folds: int = 8  # of blocks: 7 of 8 to fit
-    recordings: int = 3  # from which on they are left out whole
+    min_recordings: int = 3  # from which on they are left out whole
     ridge: float = 10.0  # of residuals of size 1: structure of a tenth of the variance
-    copies: int = 49  # with turned signs; their median is what chance explains
-    straight: float = 0.03  # rad of steering; half of it is neither left nor right
+    sign_flips: int = 49  # with turned signs; their median is what chance explains
+    max_straight_angle: float = 0.03  # rad of steering; half of it is neither left nor right
 
 
 @dataclass(frozen=True, slots=True)
 class ConclusionPolicy:
     """Conclusions about the causes that the search has found."""
 
-    spurious: float = 0.6  # of the structure may remain; a cause with more is withdrawn
-    mainly: float = 0.2  # of the reduction by a cause, above which it acts on a channel
-    worse: float = 0.2  # of the error: an increase that is reported without an interval
+    max_remaining_share: float = 0.6  # of the structure may remain; a cause with more is withdrawn
+    min_channel_share: float = 0.2  # of the reduction by a cause, above which it acts on a channel
+    min_error_rise: float = 0.2  # of the error: an increase that is reported without an interval
     gain_block_s: float = 10.0  # s; bootstrap: rollouts of 1 s and laps of some seconds
 
 
@@ -219,12 +219,12 @@ class SuggestPolicy:
     """When a drive would separate two causes."""
 
     separation: float = 4.0  # standard deviations: the wrong one then fits better once in 44
-    alone: float = 6.0  # the same by on-board sensors, whose noise changes with the drive
-    right: float = 0.95  # of simulated repeats name the truth: noise has long tails
+    onboard_separation: float = 6.0  # by on-board sensors, whose noise changes with the drive
+    min_right_share: float = 0.95  # of simulated repeats name the truth: noise has long tails
     repeats: int = 200  # 0.95 is known to 0.015
     confounders: int = 4  # of one cause that are looked at, the nearest ones
-    explains: float = 0.25  # of what the cause explains: one that explains less is no confounder
-    narrower: float = 0.5  # of a claimed quantity's standard error: worth a drive of its own
+    min_explained_share: float = 0.25  # of what the cause explains; less is no confounder
+    max_error_ratio: float = 0.5  # of a claimed quantity's standard error: justifies a drive
     run: int = 4  # rows in a row that noise is drawn in: windows of 2 s
     gyro_noise: float = 0.004  # rad/s of a car at rest, if the data have no rest
 
@@ -242,7 +242,7 @@ class Policy:
     naming: NamingPolicy = field(default_factory=NamingPolicy)
     confounders: ConfounderPolicy = field(default_factory=ConfounderPolicy)
     grade: GradePolicy = field(default_factory=GradePolicy)
-    alike: AlikePolicy = field(default_factory=AlikePolicy)
+    two_cars: TwoCarsPolicy = field(default_factory=TwoCarsPolicy)
     claims: ClaimPolicy = field(default_factory=ClaimPolicy)
     unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
     conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)

@@ -48,7 +48,7 @@ def find_spurious(q: DiagnosisSetup, found: SearchResult, structure: Sequence[Un
         drops = _loss_drops(q, others, found.point)
         total = sum(max(drop, 0.0) for drop in drops.values())
         channels = [u.channel for u in structure if "recording" not in u.along
-                    and drops.get(u.channel, 0.0) > policy.mainly * total]
+                    and drops.get(u.channel, 0.0) > policy.min_channel_share * total]
         # 3. Compare the structure with and without it.
         without_cause = _structure_losses(q, found, others) if channels else {}
         if any(explain_failure("structure", Candidate(

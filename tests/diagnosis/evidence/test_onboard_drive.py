@@ -94,7 +94,7 @@ def test_standstill_counts_by_how_much_quieter_it_is_and_no_more_than_floors_are
     assert drive.noise_scale[1] == 1.0
     quiet, = prepare_stretches(make_recording(400, speed=speed,
                                               accel_x=np.where(speed > 0.0, shaken, 0.0)))
-    assert quiet.noise_scale[0] == pytest.approx(2.0 / USUAL.evidence.level, rel=0.3)
+    assert quiet.noise_scale[0] == pytest.approx(2.0 / USUAL.evidence.min_level_std, rel=0.3)
 
 
 def test_what_cannot_be_known_is_reported():

@@ -54,7 +54,7 @@ def test_what_promised_nothing_is_not_rolled_out_again(evidence_of_drive, point,
     gains = {t.effect: t.gain for t in first}
     assert again[0].effect == "steering_lag"
     assert finer(again[0].gain, gains["steering_lag"])
-    without_gain = {n for n, g in gains.items() if g < USUAL.scan.faint}
+    without_gain = {n for n, g in gains.items() if g < USUAL.scan.min_predicted_loss}
     assert without_gain
     assert len(rollouts) < len(SEARCHED_EFFECTS)
     for trial in again:  # what is screened out hides nothing
@@ -103,7 +103,7 @@ def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_d
     """A large cause brings residuals to their limit; what the others do is known all the same."""
     quiet = replace(point.noise, motion=1e3 * point.noise.motion)
     limited = evaluate_point(evidence_of_drive, quiet, point.space, point.x)
-    assert (np.abs(limited.residual) == quiet.policy.wild).mean() > 0.2
+    assert (np.abs(limited.residual) == quiet.policy.max_residual).mean() > 0.2
     lines = {t.effect: t.sweeps for t in scan(evidence_of_drive, limited, SEARCHED_EFFECTS)}
     again, fresh = (scan(evidence_of_drive, point, SEARCHED_EFFECTS, previous=known)[0]
                     for known in (lines,
@@ -129,7 +129,7 @@ def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(evidence_of_drive
     full = fit_start(evidence_of_drive, free=ALL_FREE)[1]
     unit = np.arange(len(full.residual)) % 16
     sets = GroupFits(evidence_of_drive, PAPER, full, unit, {}, USUAL)
-    near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < USUAL.claims.near]
+    near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < USUAL.claims.max_linear_rise]
     assert len(near) > 3
     quick = {s: sets.losses(s).sum() - sets.losses(sets.all_groups).sum() for s in near}
     assert not sets._fits

@@ -62,7 +62,7 @@ def test_a_car_at_rest_reads_the_same_a_little_later(monkeypatch, name):
 @pytest.mark.slow
 def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, left):
     """A delay that was named for a lag goes when the lag comes; without the way back it stays."""
-    policy = Policy() if needed is None else Policy(naming=NamingPolicy(sure=needed))
+    policy = Policy() if needed is None else Policy(naming=NamingPolicy(certain_ratio=needed))
     rounds = []
 
     def scan_that_first_forgets(*args, **how):

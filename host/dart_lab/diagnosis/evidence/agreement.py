@@ -39,23 +39,23 @@ def check_units(r: Recording, policy: InputPolicy = USUAL.inputs) -> None:
     motion = motion_at_messages(r)
     check = partial(_check_column, r, policy)
     if r.mocap is not None:
-        drives = motion.speed > policy.driving
-        turns = np.abs(motion.omega) > policy.turning
+        drives = motion.speed > policy.min_speed
+        turns = np.abs(motion.omega) > policy.min_yaw_rate
         check("vicon yaw", motion.omega, motion.course, drives, "the direction of travel")
         check("vel encoder", m.speed, motion.speed, drives, "the motion capture")
         check("W (IMU)", m.yaw_rate, motion.omega, turns, "the motion capture")
     # In a turn without slip the lateral acceleration is yaw rate times speed.
     lateral = motion.omega * motion.speed
-    check("acc y (IMU)", m.accel_y, lateral, np.abs(lateral) > policy.turning,
+    check("acc y (IMU)", m.accel_y, lateral, np.abs(lateral) > policy.min_yaw_rate,
           "yaw rate times speed")
 
 
 def drop_dead_gyro(r: Recording, notes: list[str], policy: InputPolicy) -> Recording:
     """Replace a gyro that never changes while the car turns by NaN, and add a note."""
     rate = r.messages.yaw_rate
-    turns = np.nan_to_num(np.abs(motion_at_messages(r).omega)) > policy.turning
+    turns = np.nan_to_num(np.abs(motion_at_messages(r).omega)) > policy.min_yaw_rate
     if (r.mocap is None or not np.isfinite(rate).any() or turns.sum() < MIN_READINGS
-            or not np.nanmax(np.abs(rate), initial=0.0) < policy.dead_gyro):
+            or not np.nanmax(np.abs(rate), initial=0.0) < policy.min_gyro_rate):
         return r
     if r.schema != "C":
         notes.append(f"{r.name}: the gyro is dead, so the gyro is not judged there")
@@ -78,7 +78,7 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
     if len(ratios) < MIN_READINGS:
         return []
     factor = float(np.median(ratios))
-    if (ratios * factor > 0.0).mean() < policy.correlation:
+    if (ratios * factor > 0.0).mean() < policy.min_correlation:
         return []  # the signs do not agree
     if factor < 0.0:
         raise OtherCar(
@@ -89,7 +89,7 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
             remedy="if the recordings have the steering turned over, multiply their column "
                    "'steering' by -1; else dart-hal identify all FILES --out model.toml fits a "
                    "model to this car")
-    if not 1.0 / policy.other_car < factor < policy.other_car:
+    if not 1.0 / policy.max_curvature_factor < factor < policy.max_curvature_factor:
         return [f"the car turns {factor:.2f} times as tightly as the model predicts, at speeds "
                 f"where it rolls without slip: is {p.name} a model of this car? Its causes would "
                 "be those of a comparison between two cars"]
@@ -104,7 +104,7 @@ def slope(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> f
     # Covariance over variance of x; a correlation below the limit has no meaningful slope.
     x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
     size = math.sqrt(float(x @ x) * float(y @ y))
-    if size == 0.0 or abs(float(x @ y)) < policy.correlation * size:
+    if size == 0.0 or abs(float(x @ y)) < policy.min_correlation * size:
         return math.nan
     return float(x @ y) / float(x @ x)
 
@@ -115,7 +115,7 @@ def ratio(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> f
     # A wrong unit is one factor for all readings, so the quartiles of the ratios are close to each
     # other.
     low, middle, high = np.quantile(np.abs(ratios), [0.25, 0.5, 0.75])
-    constant = low > 0.0 and high < policy.quartiles * low
+    constant = low > 0.0 and high < policy.max_quartile_ratio * low
     return float(np.copysign(middle, np.median(ratios))) if constant else math.nan
 
 
@@ -128,7 +128,8 @@ def _check_column(r: Recording, policy: InputPolicy, column: str, read: FloatArr
     x = true[use]
     y = read[use]
     factor = (ratio if (x > 0.0).all() else slope)(y, x, policy)
-    if not math.isfinite(factor) or 1.0 / policy.factor < factor < policy.factor or factor == 0.0:
+    largest = policy.max_factor
+    if not math.isfinite(factor) or 1.0 / largest < factor < largest or factor == 0.0:
         return
     if column == "acc y (IMU)" and factor < 0.0:
         return  # an IMU mounted the other way round, which the effect imu_yaw describes
@@ -144,7 +145,7 @@ def _explain_factor(factor: float, policy: InputPolicy) -> str:
     if factor < 0.0:
         return "the sign is turned over: positive is to the left (ISO 8855)"
     near = min(UNIT_FACTORS, key=lambda f: abs(math.log(f / factor)))
-    known = abs(math.log(near / factor)) < policy.log_factor
+    known = abs(math.log(near / factor)) < policy.max_log_error
     return (f"{UNIT_FACTORS[near]} instead of the SI unit" if known
             else "a wrong unit, or the columns of two recordings")
 
@@ -154,7 +155,7 @@ def _nearest_factor(factor: float, policy: InputPolicy) -> float:
     if factor < 0.0:
         return -1.0
     near = min(UNIT_FACTORS, key=lambda f: abs(math.log(f / factor)))
-    return float(f"{near if abs(math.log(near / factor)) < policy.log_factor else factor:.4g}")
+    return float(f"{near if abs(math.log(near / factor)) < policy.max_log_error else factor:.4g}")
 
 
 def _compare_yaw_rates(r: Recording, p: Vehicle, policy: InputPolicy
@@ -170,10 +171,11 @@ def _compare_yaw_rates(r: Recording, p: Vehicle, policy: InputPolicy
     # The angle now is that of the command one delay and one lag ago.
     sent = m.t - q.delay.steering_s - q.delay.steering_lag_s
     angle = np.asarray(steering(np.interp(sent, m.t, m.steering)))
-    earlier = np.asarray(steering(np.interp(sent - policy.steady_s, m.t, m.steering)))
+    earlier = np.asarray(steering(np.interp(sent - policy.angle_change_s, m.t, m.steering)))
     predicted = motion.speed * np.tan(angle) / q.body.wheelbase
     with np.errstate(invalid="ignore"):
-        gentle = ((motion.speed > policy.driving)
-                  & (np.abs(motion.speed * motion.omega) < policy.gentle))
-    use = gentle & (np.abs(angle) > policy.steered) & (np.abs(angle - earlier) < policy.steady)
+        gentle = ((motion.speed > policy.min_speed)
+                  & (np.abs(motion.speed * motion.omega) < policy.max_lateral_accel))
+    steady = np.abs(angle - earlier) < policy.max_angle_change
+    use = gentle & steady & (np.abs(angle) > policy.min_wheel_angle)
     return predicted[use], motion.omega[use]

@@ -116,7 +116,7 @@ def prepare_drive(recording: Recording, l_r: float, reference: Reference | None 
     coarse = grid(recording, reference, l_r)
     g = _differentiate_poses(coarse, *_marker_pose(coarse, l_r), l_r)
     messages = recording.messages
-    starts = _find_starts(g, spacing, policy.bend)
+    starts = _find_starts(g, spacing, policy.max_yaw_rate_bend)
     if recording.schema == "C":
         return RecordedDrive(recording, g, starts, np.empty(0), np.empty((0, 4)),
                              np.empty(0, dtype=np.bool_), np.ones(2))
@@ -124,12 +124,12 @@ def prepare_drive(recording: Recording, l_r: float, reference: Reference | None 
     g = replace(g, throttle=zero_order_hold(sent, messages.throttle, len(g)),
                 steering=zero_order_hold(sent, messages.steering, len(g)))
     samples = sent / SAMPLE
-    good = _has_good_mocap(g, samples) & ~(messages.speed < policy.wheel)
+    good = _has_good_mocap(g, samples) & ~(messages.speed < policy.min_encoder_speed)
     if recording.schema == RUN:
         good &= _has_new_mean(messages.t)
-    gyro_good = _is_straight(g.omega, samples, YAW_RATE_REACH, policy.bend)
-    accel_good = _is_straight(g.omega, samples, YAW_RATE_REACH, policy.shaken_bend)
-    speed_straight = _is_straight(g.v_x, samples, SPEED_REACH, policy.speed_bend)
+    gyro_good = _is_straight(g.omega, samples, YAW_RATE_REACH, policy.max_yaw_rate_bend)
+    accel_good = _is_straight(g.omega, samples, YAW_RATE_REACH, policy.max_accel_bend)
+    speed_straight = _is_straight(g.v_x, samples, SPEED_REACH, policy.max_speed_bend)
     readings = stack_readings(messages)
     readings[~gyro_good, 1] = np.nan
     readings[~(accel_good & speed_straight), 2] = np.nan
@@ -154,8 +154,8 @@ def _find_rest(g: Grid, m: Messages, samples: FloatArray, policy: EvidencePolicy
     """Find messages of a car at rest by motion capture."""
     index = np.arange(len(g))
     speed = np.hypot(np.hypot(g.v_x, g.v_y), ROTATION_RADIUS * g.omega) + BAD_SPEED * g.bad
-    at_rest = np.interp(samples, index, speed) < policy.stands
-    return find_rest_messages(at_rest, m, np.arange(len(samples)), policy.held)
+    at_rest = np.interp(samples, index, speed) < policy.max_rest_speed
+    return find_rest_messages(at_rest, m, np.arange(len(samples)), policy.max_rest_yaw_rate)
 
 
 def _marker_pose(g: Grid, l_r: float) -> tuple[FloatArray, FloatArray, FloatArray]:

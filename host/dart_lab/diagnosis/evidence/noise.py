@@ -54,10 +54,10 @@ class Noise:
     policy: NoisePolicy = USUAL.noise
 
     def whiten(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
-        """Return residuals in standard deviations, (n, c) and (m, 4), clipped to ``wild``."""
+        """Return residuals in standard deviations, (n, c) and (m, 4), clipped at the largest."""
         motion = (replace_diverged(r.motion) * self.age_scale) @ self.motion.T
         sensors = np.nan_to_num(r.sensors / self.sensors, nan=0.0)
-        limit = self.policy.wild
+        limit = self.policy.max_residual
         return np.clip(motion, -limit, limit), np.clip(sensors, -limit, limit)
 
     def loss(self, x: FloatArray) -> FloatArray:
@@ -157,7 +157,7 @@ def _age_variance(motion: FloatArray, sensitivity: FloatArray, relative: FloatAr
     relative (n, c): ``sensitivity`` in standard deviations per second. A residual over its
     sensitivity is an age, with 1 / relative^2 as the variance of its noise.
     """
-    informative = relative * MAX_COMMAND_AGE > 2.0 * policy.age_tells
+    informative = relative * MAX_COMMAND_AGE > 2.0 * policy.min_age_effect
     if informative.sum() < MIN_READINGS:
         return None
     # var(residual / s) = var(e) + 1 / s^2: subtract the mean of the second term.

@@ -101,11 +101,11 @@ def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
     g = replace(g, throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])
-    first, near = _find_windows(m, rows, samples, g, policy.backwards, span)
+    first, near = _find_windows(m, rows, samples, g, policy.min_forward_throttle, span)
     index = rows[near[:, STATE_MESSAGES:]]
     offsets = (samples[near] - samples[first][:, None]).T
     readings = np.stack([m.speed[rows][near], m.yaw_rate[rows][near]]).swapaxes(1, 2)
-    rest = find_rest_messages(m.speed[rows] == 0.0, m, rows, policy.held)
+    rest = find_rest_messages(m.speed[rows] == 0.0, m, rows, policy.max_rest_yaw_rate)
     rest = rows[rest[span[rest] >= 0]]
     accel_rows = index[:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].ravel()
     stacked = stack_readings(m)

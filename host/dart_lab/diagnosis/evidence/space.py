@@ -103,7 +103,7 @@ class Space:
         timing_low = np.array([-1.0, 0.0, 0.0, -1.0])
         timing_high = np.array([1.0, MAX_COMMAND_AGE / MESSAGE_AGE_REACH, 1.0, 1.0])
         # A parameter further from its stated value than this has another cause.
-        reach = np.array([policy.believed if n in known and n not in loose else np.inf
+        reach = np.array([policy.max_stated_stds if n in known and n not in loose else np.inf
                           for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), timing_low])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), timing_high])

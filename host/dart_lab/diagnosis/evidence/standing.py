@@ -69,7 +69,7 @@ def _accel_noise(m: Messages, index: IntArray, policy: EvidencePolicy) -> FloatA
     """Return robust standard deviations of a_x and a_y between messages, at least ``level``."""
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
     if steps.shape[1] < MIN_READINGS or not np.isfinite(steps).all():
-        return np.full(2, policy.level)
+        return np.full(2, policy.min_level_std)
     # the difference of two readings has sqrt(2) times the noise of one
     size = MAD_TO_SIGMA / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
-    return np.asarray(np.maximum(size, policy.level))
+    return np.asarray(np.maximum(size, policy.min_level_std))

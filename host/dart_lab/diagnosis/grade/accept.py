@@ -199,7 +199,7 @@ class _FitCache:
         for name in self.names:
             one = rejected.get(name)
             if (one is None or one.why != IMPROBABLE
-                    or one.probability < self.context.policy.grade.possible):
+                    or one.probability < self.context.policy.grade.possible_probability):
                 continue
             # 3. An effect comes back only if no other one fails with it: this step adds, it never
             #    exchanges.

@@ -24,7 +24,7 @@ from dart_lab.report.numbers import shorten_list
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, label_rows
-from ..policy import AlikePolicy, Policy
+from ..policy import Policy, TwoCarsPolicy
 from ..search.fit import Point
 
 # Effects that differ from floor to floor or car to car, and their names for a reader.
@@ -104,12 +104,12 @@ def join_sizes(a: SizesByRecording, b: SizesByRecording) -> SizesByRecording:
                             np.concatenate([a.error, b.error]))
 
 
-def find_groups(sizes: SizesByRecording, policy: AlikePolicy) -> RecordingGroups | None:
+def find_groups(sizes: SizesByRecording, policy: TwoCarsPolicy) -> RecordingGroups | None:
     """Find the most significant two groups, or None where all recordings agree."""
     found = [cut for i, probe in enumerate(PROBES) for cut in _list_cuts(sizes, i, probe)
-             if cut.ratio > policy.errors
-             and cut.high[0] - cut.low[0] > policy.least * _medium_size(probe)
-             and cut.high[0] - cut.low[0] > policy.within * cut.within]
+             if cut.ratio > policy.min_difference_stds
+             and cut.high[0] - cut.low[0] > policy.min_difference_sizes * _medium_size(probe)
+             and cut.high[0] - cut.low[0] > policy.min_spread_ratio * cut.within]
     return max(found, key=lambda cut: cut.ratio, default=None)
 
 

@@ -49,7 +49,7 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
     size = np.sqrt((blocks**2).sum(axis=0))
     use = size > MIN_SCORE
     if not use.any():
-        return Constancy(1.0, "", (), 0.0, (policy.changes, policy.least_change))
+        return Constancy(1.0, "", (), 0.0, (policy.change_level, policy.min_change))
     blocks = blocks[:, use]
     size = size[use]
     # Newton step of the coefficient of phi_k: score over information.
@@ -62,10 +62,10 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
     statistic = np.abs(blocks.sum(axis=0)) / size
     best = int(statistic.argmax())
     p = [p_value(float(f), null) for f in statistic]
-    likely = [names[i] for i in np.argsort(-statistic) if p[i] < policy.changes]
+    likely = [names[i] for i in np.argsort(-statistic) if p[i] < policy.change_level]
     others = [n for n in dict.fromkeys(likely) if n != names[best]]
     return Constancy(p[best], names[best], _curve(linear, name, names[best]),
-                     abs(float(change[best])), (policy.changes, policy.least_change),
+                     abs(float(change[best])), (policy.change_level, policy.min_change),
                      tuple(others[:2]))
 
 

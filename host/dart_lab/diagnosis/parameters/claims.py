@@ -57,11 +57,11 @@ def find_claims(inputs: ClaimInputs) -> tuple[Claim, ...]:
     groups = inputs.groups
     policy = groups.policy.claims
     found = posterior(groups, inputs.seed)
-    pairs = _pair_groups(found, policy.unsure)
+    pairs = _pair_groups(found, policy.min_pair_probability)
     paired = frozenset().union(*pairs)
     parts = {frozenset({g}): found.probability(g) for g in found.groups if g not in paired}
     parts |= {pair: found.probability(*pair) for pair in pairs}
-    believed = {part: p for part, p in parts.items() if p > policy.believed}
+    believed = {part: p for part, p in parts.items() if p > policy.min_probability}
     free = frozenset().union(*believed)
     if not free:
         return ()
@@ -79,8 +79,8 @@ def _raises_errors(cost: Cost, probability: float, policy: ClaimPolicy) -> bool:
     By their ratio for a confident group, by the lower end of its interval for others.
     """
     ratio, low, _ = cost
-    by_ratio = probability >= policy.sure or not math.isfinite(low)
-    return (ratio if by_ratio else low) > policy.worth
+    by_ratio = probability >= policy.certain_probability or not math.isfinite(low)
+    return (ratio if by_ratio else low) > policy.min_error_ratio
 
 
 def _pair_groups(found: Posterior, difference: float) -> list[GroupSet]:
@@ -107,7 +107,7 @@ def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
     known = [n for n in mine if n in groups.known]
     if not known:
         return True
-    stated = groups.policy.claims.stated
+    stated = groups.policy.claims.max_stated_stds
     if any(abs(point.x[point.space.names.index(n)]) > stated for n in mine):
         return True
     x = np.array([point.x[point.space.names.index(n)] for n in known])
@@ -127,7 +127,7 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
         next(iter(part)), known[0].title, known[0].quantities)
     confounders = () if len(part) > 1 else tuple(
         g for g, p in found.probability_without(next(iter(part))).items()
-        if p > policy.claims.instead)
+        if p > policy.claims.min_confounder_probability)
     mine = find_coordinates(groups.full, names)
     tangent = parameter_tangent(groups.full, mine)
     linear = replace(inputs.linear, tangent={group: tangent}, coordinates={group: mine})
@@ -155,7 +155,7 @@ def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
     mine = find_coordinates(point, names)
     rng = np.random.default_rng(inputs.seed)
     x, covariance = release_prior(point, inputs.final.covariance, mine,
-                                  inputs.groups.policy.prior.believed)
+                                  inputs.groups.policy.prior.max_stated_stds)
     draws = rng.multivariate_normal(point.x[list(mine)], covariance[np.ix_(mine, mine)],
                                     PARAMETER_DRAWS, method="eigh", check_valid="ignore")
     cars = [_vehicle_at(point, mine, drawn) for drawn in draws]

@@ -128,7 +128,7 @@ class GroupFits:
     def losses(self, free: GroupSet) -> FloatArray:
         """Return the loss (u,) of each unit; to first order if the last fit is near."""
         # A set whose parameters hardly move needs no fit: its residuals are linear there.
-        if self.rise(free) < self.policy.claims.near:
+        if self.rise(free) < self.policy.claims.max_linear_rise:
             point = self.full
             move = self._constrain(free) - self.full.x
             residual = point.residual + point.jacobian @ move
@@ -194,17 +194,19 @@ def posterior(fits: GroupFits, seed: int) -> Posterior:
         #    the approximation does not rule it out.
         swaps = [best - {a} | {b} for a in sorted(best) for b in sorted(groups - best)]
         near = [*(best ^ {g} for g in sorted(groups)),
-                *(s for s in swaps if approximate[s] < approximate[best] + policy.swap)]
+                *(s for s in swaps if approximate[s] < approximate[best] + policy.max_swap_gap)]
         best = min([best, *near], key=criterion)
     # 3. Sets that are far worse have no weight.
-    return _posterior(fits, [s for s in fitted if fitted[s] < fitted[best] + policy.certain], seed)
+    limit = fitted[best] + policy.max_criterion_gap
+    return _posterior(fits, [s for s in fitted if fitted[s] < limit], seed)
 
 
 def _posterior(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> Posterior:
     """Return the posterior over some sets, with the groups that are not too improbable."""
     weight = posterior_weights(fits, sets, seed)
     found = Posterior(tuple(sorted(frozenset().union(*sets))), tuple(sets), weight)
-    groups = [g for g in found.groups if found.probability(g) > fits.policy.claims.hardly]
+    least = fits.policy.claims.min_group_probability
+    groups = [g for g in found.groups if found.probability(g) > least]
     return replace(found, groups=tuple(sorted(groups, key=lambda g: -found.probability(g))))
 
 
@@ -228,14 +230,14 @@ def _select_plausible(fits: GroupFits, approximate: Mapping[GroupSet, float]) ->
     # exp(-c / 2), relative to the best set: unnormalised probabilities.
     least = min(approximate.values())
     weight = {s: float(np.exp(-0.5 * (c - least))) for s, c in approximate.items()}
-    enough = fits.policy.claims.guessed * sum(weight.values())
+    enough = fits.policy.claims.min_guessed_probability * sum(weight.values())
     return frozenset(g for g in fits.all_groups
                      if sum(w for s, w in weight.items() if g in s) > enough)
 
 
 def _penalty(fits: GroupFits, s: GroupSet) -> float:
     """Return -2 log of the prior of a set, and of the Laplace volume of its parameters."""
-    q = fits.policy.claims.prior
+    q = fits.policy.claims.prior_probability
     mine = [i for g in sorted(s) for i in fits.coordinates(g)]
     grouped = {i for g in fits.all_groups for i in fits.coordinates(g)}
     others = [i for i in range(len(fits.full.x)) if i not in grouped]

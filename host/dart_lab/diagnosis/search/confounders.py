@@ -43,8 +43,8 @@ def select_correlated(point: Point, best: Trial, trials: Sequence[Trial],
     direction = direction_function(point)
     best_direction = direction(best)
     return [t for t in trials if t.effect == best.effect or (
-        t.gain > policy.gain * best.gain
-        and abs(float(direction(t) @ best_direction)) >= policy.cosine)]
+        t.gain > policy.min_gain_share * best.gain
+        and abs(float(direction(t) @ best_direction)) >= policy.min_cosine)]
 
 
 def find_confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: RowLabels,
@@ -69,6 +69,6 @@ def find_confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: R
         # An effect is distinguishable if its loss is larger by more than the noise.
         total = float(difference.sum())
         noise = float(np.sqrt(np.sum((difference - difference.mean())**2)))
-        if total < max(policy.loss, policy.clear * noise):
+        if total < max(policy.min_loss_difference, policy.min_difference_stds * noise):
             out.append((total, trial.effect))
     return tuple(name for _, name in sorted(out))

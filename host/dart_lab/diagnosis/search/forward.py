@@ -125,7 +125,7 @@ class ForwardSearch:
 
     def _parameters_at_bound(self, point: Point) -> tuple[str, ...]:
         """Parameters on the bound of their stated error."""
-        return point.space.names_at_bound(point.x, self._settings.policy.prior.believed)
+        return point.space.names_at_bound(point.x, self._settings.policy.prior.max_stated_stds)
 
     def _run_once(self) -> SearchResult:
         """Run the rounds of the search once."""
@@ -225,17 +225,17 @@ class ForwardSearch:
         """Fit and measure the noise in turn, until both are consistent.
 
         With initial coordinates x: until the log volume of the noise decreases by less than
-        ``settled``.
+        ``volume_tolerance``.
         """
         initial = x is None
         policy = self._settings.policy.noise
-        passes = BASE_NOISE_PASSES if initial else policy.passes
+        passes = BASE_NOISE_PASSES if initial else policy.max_passes
         x = self._initial_coordinates(space, timing) if x is None else x
         noise = self._measure_training_noise(*space.split(x))
         point = refit(self._evidence, noise, space, x, jobs=self._settings.jobs)
         for _ in range(passes - 1):
             smaller = self._measure_training_noise(point.vehicle, point.timing)
-            if not initial and noise.log_volume - smaller.log_volume < policy.settled:
+            if not initial and noise.log_volume - smaller.log_volume < policy.volume_tolerance:
                 break
             noise = smaller
             point = refit(self._evidence, noise, space, point.x, point, jobs=self._settings.jobs)
@@ -255,13 +255,13 @@ class ForwardSearch:
         policy = self._settings.policy.naming
         fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise),
                                policy)
-        for _ in range(policy.sharpenings):
+        for _ in range(policy.max_sharpenings):
             best = lowest_loss_fit(point, fits.values())
             if best is point:
                 break
             sharper = self._measure_training_noise(best.vehicle, best.timing)
             gains = [self._loss(n, point) - self._loss(n, best) for n in (noise, sharper)]
-            if gains[1] <= policy.hidden * gains[0]:
+            if gains[1] <= policy.min_hidden_ratio * gains[0]:
                 break
             noise = sharper
             point = refit(self._evidence, noise, point.space, point.x, point,
@@ -357,7 +357,8 @@ class ForwardSearch:
         accepted = [*previous, new]
         for one in previous:
             parameters = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
-            if point.wald_statistic(parameters) > self._settings.policy.naming.sure * one.threshold:
+            limit = self._settings.policy.naming.certain_ratio * one.threshold
+            if point.wald_statistic(parameters) > limit:
                 continue
             without = self.remove_effect(self._evidence, noise, point, one.effect)
             candidate = Candidate(threshold=one.threshold,

@@ -216,14 +216,15 @@ class EffectScan:
         p = sweep.parameter
         bracket = bracket_best_size(predicted)
         gain, whitened, _ = self._make_gain_function(effect, p, sweep.fixed)
-        if p.tops or bracket is None or predicted[bracket[1]] <= self._policy.faint:
+        if p.tops or bracket is None or predicted[bracket[1]] <= self._policy.min_predicted_loss:
             return None
         gains = dict(predicted)
         refine_best_size(gains, p, gain, self._policy)
         best = max(gains, key=lambda k: gains[k])
         if best not in whitened:
             gains[best] = gain(best)
-        if abs(gains[best] - predicted[bracket[1]]) > self._policy.known * predicted[bracket[1]]:
+        expected = predicted[bracket[1]]
+        if abs(gains[best] - expected) > self._policy.slope_tolerance * expected:
             return None
         return Trial(effect.name, {**sweep.fixed, p.name: best}, gains[best], whitened[best],
                      (sweep,))

@@ -88,7 +88,7 @@ def fit_best_trials(point: Point, trials: Sequence[Trial], fit_effect: FitEffect
         if trial.gain <= 0.0:
             break
         fits[trial.effect] = fit_effect(point, trial)
-        if point.loss() - fits[trial.effect].loss() > policy.keeps * trial.gain:
+        if point.loss() - fits[trial.effect].loss() > policy.min_kept_share * trial.gain:
             break
     return fits
 
@@ -129,7 +129,8 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     #    lower the loss.
     order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
                    if t.effect in fits else 0.0)
-    before = find_masked_effect(point, large, trials, limits, fits, fit_effect, policy.furthest)
+    before = find_masked_effect(point, large, trials, limits, fits, fit_effect,
+                                policy.max_change_ratio)
     order.sort(key=lambda t: t is not before)
     accepted: tuple[AcceptedEffect, Point] | None = None
     rejected = list[RejectedEffect]()
@@ -147,7 +148,8 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
             if not reason:
                 rivals = find_confounders(point, trial, trials, rows, fits,
                                           settings.policy.confounders)
-                others = list_alternatives(trial, trials, settings.policy.confounders.gain)
+                others = list_alternatives(trial, trials,
+                                           settings.policy.confounders.min_gain_share)
                 accepted = (AcceptedEffect(trial.effect, p, gain, candidate.threshold, rivals,
                                            others), fit)
         if reason:

@@ -55,14 +55,14 @@ def needs_larger_sizes(gains: dict[float, float], p: Parameter, gain: Callable[[
         return True
     maximum = -0.5 * slope / curvature
     predicted = -0.25 * slope**2 / curvature
-    if predicted <= policy.faint:
+    if predicted <= policy.min_predicted_loss:
         return False
     if abs(maximum) > policy.ladder[1] * p.sizes[1]:
         return True
     # The maximum is near: try it, and trust the parabola if the gain is as predicted.
     k = float(np.clip(p.null + maximum, p.low, p.high))
     gains[k] = gain(k)
-    return bool(abs(gains[k] - predicted) > policy.kept * predicted)
+    return bool(abs(gains[k] - predicted) > policy.peak_tolerance * predicted)
 
 
 def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[float, FloatArray],
@@ -72,7 +72,7 @@ def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[f
     Always if it may have a threshold or several local maxima.
     """
     ks = sorted(gains, key=lambda k: abs(k - p.null))[:3]
-    if p.tops or len(ks) < 3 or max(gains.values()) > policy.faint:
+    if p.tops or len(ks) < 3 or max(gains.values()) > policy.min_predicted_loss:
         return True
     if not p.low < p.null < p.high:
         # One-sided: the change grows less than in proportion, so there may be a threshold.
@@ -83,8 +83,8 @@ def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[f
     curvature, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
     maximum = np.clip(p.null - 0.5 * slope / curvature, p.low,
                       p.high) - p.null if curvature < 0.0 else np.inf
-    return bool(slope * maximum + curvature * maximum**2 > policy.faint if curvature < 0.0
-                else slope > 0.0)
+    return bool(slope * maximum + curvature * maximum**2 > policy.min_predicted_loss
+                if curvature < 0.0 else slope > 0.0)
 
 
 def next_larger_size(gains: Mapping[float, float], p: Parameter, last: float) -> float | None:
@@ -110,7 +110,7 @@ def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], 
         ks = sorted(gains, key=lambda k: abs(k - p.null))
         # First size with a loss, and the size before it.
         larger = next((i for i, k in enumerate(ks) if gains[k] < 0.0), 0)
-        if larger < 2 or max(gains.values()) > policy.faint:
+        if larger < 2 or max(gains.values()) > policy.min_predicted_loss:
             return
         near = ks[larger - 1]
         far = ks[larger]
@@ -125,17 +125,17 @@ def refine_best_size(gains: dict[float, float], p: Parameter, gain: Callable[[fl
     """Find the best size: by parabolas, and by bisection if a parabola predicts a wrong gain."""
     for _ in range(policy.refinements):
         bracket = bracket_best_size(gains)
-        if bracket is None or gains[bracket[1]] <= policy.faint:
+        if bracket is None or gains[bracket[1]] <= policy.min_predicted_loss:
             return
         maximum, predicted = parabola_maximum(gains, bracket)
         if maximum not in gains:
             gains[maximum] = gain(maximum)
-        if gains[maximum] >= (1.0 - policy.met) * predicted:
+        if gains[maximum] >= (1.0 - policy.prediction_tolerance) * predicted:
             return
         # The prediction failed: halve the wider side of the bracket.
         a, b, c = bracket_best_size(gains) or bracket
         wider = a if b - a > c - b else c
-        if abs(wider - b) < policy.resolved * abs(b - p.null):
+        if abs(wider - b) < policy.min_size_step * abs(b - p.null):
             return
         gains[0.5 * (b + wider)] = gain(0.5 * (b + wider))
 

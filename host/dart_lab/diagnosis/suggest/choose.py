@@ -78,9 +78,10 @@ def _suggest_for_cause(q: ConfounderQuestion, cause: Cause, drives: Iterable[Reh
                                     simulation.min_separation))
             policy = q.policy.suggest
             # On-board sensors also give the initial state of a window: more separation is needed.
-            required_separation = policy.separation if setting is q.settings[-1] else policy.alone
+            required_separation = (policy.separation if setting is q.settings[-1]
+                                   else policy.onboard_separation)
             enough = (simulation.min_separation >= required_separation
-                      and simulation.min_correct_share() >= policy.right)
+                      and simulation.min_correct_share() >= policy.min_right_share)
             if enough or best is None or (simulation.separated_pairs,
                                           simulation.min_separation) > (best.separated_pairs,
                                                                         best.min_separation):

@@ -75,7 +75,7 @@ def make_question(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) ->
     base_loss = first.recordings[0].loss(base)
     for name in others:
         fitted = first.fit_confounder(name)
-        if fitted is None or fitted.loss > (1.0 - policy.suggest.explains) * base_loss:
+        if fitted is None or fitted.loss > (1.0 - policy.suggest.min_explained_share) * base_loss:
             continue  # the data at hand distinguish these
         cars[name] = fitted.car
         values[name] = dict(fitted.values)

@@ -93,7 +93,7 @@ def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLO
         covariance = information.covariance(drive)
         if covariance is not None:
             drives.append((drive, covariance))
-    return tuple(_select_drive(claim, information, drives, policy.suggest.narrower)
+    return tuple(_select_drive(claim, information, drives, policy.suggest.max_error_ratio)
                  for claim in diagnosis.claims)
 
 

@@ -40,9 +40,9 @@ def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
     span: samples by which a window is described. See ``remove_driven_motion``.
     """
     block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
-    if not len(block) or block.max() + 1 < policy.least_blocks:
+    if not len(block) or block.max() + 1 < policy.min_blocks:
         return errors
-    features = exogenous(p, window_features(evidence, p, span), policy.straight)
+    features = exogenous(p, window_features(evidence, p, span), policy.max_straight_angle)
     columns = np.hstack([basis_functions(features, (name,), TAIL) for name in DRIVE_VARIABLES])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
     finite = replace_diverged(errors)

@@ -114,7 +114,7 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
                     policy: UnexplainedPolicy = USUAL.unexplained) -> list[ResidualGroup]:
     """Collect the motion residuals at 0.5 s and the sensor residuals, with their features."""
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
-    length = max(BLOCK_S, seconds / policy.blocks)
+    length = max(BLOCK_S, seconds / policy.max_blocks)
     windows, messages = evidence.blocks(length)
     names: tuple[str, ...] = MOTION
     motion = slice(READ_OUT_INDEX * len(MOTION), (READ_OUT_INDEX + 1) * len(MOTION))
@@ -127,8 +127,8 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
     x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
     window_values = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT_INDEX]),
-                              policy.straight)
-    message_values = exogenous(p, message_features(evidence, p), policy.straight)
+                              policy.max_straight_angle)
+    message_values = exogenous(p, message_features(evidence, p), policy.max_straight_angle)
     del message_values["steering_rate"]  # mocap and sensors smooth the start of a turn differently
     drives = tuple(d.recording.name for d in evidence.drives)
     sensors_whitened = noise.whiten(residuals)[1]
@@ -147,7 +147,7 @@ def find_group_structure(groups: list[ResidualGroup], seed: int = 0, level: floa
     found = _search_significant(groups, seed, level, policy)
     if found is None:
         return ()
-    p_value = found.p_values(policy.sharp)
+    p_value = found.p_values(policy.max_null_ratio)
     out = []
     for group in groups:
         for i, channel in enumerate(group.channels):
@@ -170,9 +170,9 @@ def _search_significant(groups: list[ResidualGroup], seed: int, level: float,
     found = None
     # A tenth of the flips is enough to see that nothing can be significant, which is so for most
     # data.
-    for flips, max_p_value in ((1.0, policy.doubted * level), (10.0, level)):
+    for flips, max_p_value in ((1.0, policy.first_level_ratio * level), (10.0, level)):
         found = _compute_shares(groups, seed, math.ceil(flips / level) - 1, policy)
-        if found is None or not ((found.p_values(policy.sharp) <= max_p_value)
+        if found is None or not ((found.p_values(policy.max_null_ratio) <= max_p_value)
                                  & (found.share >= found.min_share)).any():
             return None
     return found
@@ -186,7 +186,7 @@ def explained_shares(groups: list[ResidualGroup], seed: int = 0,
     for fewer windows.
     """
     out = {channel: 0.0 for group in groups for channel in group.channels}
-    found = _compute_shares(groups, seed, policy.copies, policy)
+    found = _compute_shares(groups, seed, policy.sign_flips, policy)
     if found is None:
         return out
     for channel in out:
@@ -210,7 +210,7 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
     min_shares = []
     for group in groups:
         present, block = np.unique(group.block, return_inverse=True)
-        if len(present) >= policy.least_blocks:
+        if len(present) >= policy.min_blocks:
             own_signs = signs[:, np.searchsorted(labels, present)]
             table, variable_sets = _group_shares(group, block, own_signs, rng, policy)
             tables.append(table)
@@ -219,7 +219,7 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
             # sound sensor.
             floor = np.array([_tolerance(c, policy) for c in group.channels])
             variance = np.maximum(((group.y * group.size)**2).mean(axis=0), 1e-12)
-            min_shares.append(np.tile(np.maximum(policy.share / known, floor**2 / variance),
+            min_shares.append(np.tile(np.maximum(policy.min_share / known, floor**2 / variance),
                                       len(variable_sets)))
             names += [(channel, variables) for variables in variable_sets
                       for channel in group.channels]
@@ -289,7 +289,7 @@ def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator,
     # holds in another recording.
     within = rng.permutation(np.arange(block.max() + 1) % policy.folds)[block]
     _, recording = np.unique(group.recording, return_inverse=True)
-    if recording.max() + 1 < policy.recordings:
+    if recording.max() + 1 < policy.min_recordings:
         return within, within
     return within, np.asarray(recording % policy.folds)
 
@@ -305,7 +305,7 @@ def _simplest(share: Mapping[tuple[str, ...], float], policy: UnexplainedPolicy
     for size in sorted(set(rank.values())):
         here = max((variables for variables in share if rank[variables] == size),
                    key=lambda a: share[a])
-        if not best or share[here] > policy.multiply * share[best]:
+        if not best or share[here] > policy.min_share_ratio * share[best]:
             best = here
     return best
 
