@@ -33,15 +33,15 @@ COMPILED = {**{k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTEC
 """As an installed package runs: its modules are compiled once, not at every start."""
 
 
-def diagnosed(*arguments: str) -> tuple[dict[str, Any], float, float]:
-    """(what ``dart-hal diagnose`` says, CPU time [s], time [s])."""
+def run_diagnosis(*arguments: str) -> tuple[dict[str, Any], float, float]:
+    """(answer of ``dart-hal diagnose``, CPU time [s], time [s])."""
     began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     run = subprocess.run([sys.executable, "-m", "dart_hal.cli.main", "diagnose", "--model", "paper",
                           *arguments, "--json"], check=True, capture_output=True, text=True,
                          env=COMPILED)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    said: dict[str, Any] = json.loads(run.stdout)
-    return (said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+    answer: dict[str, Any] = json.loads(run.stdout)
+    return (answer, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
             time.monotonic() - began)
 
 
@@ -49,12 +49,12 @@ def figures(scale: float = 1.0) -> list[Figure]:
     """CPU time for a minute and for many minutes, and the error on days left out."""
     root = folder()
     one = next(iter(sorted((root / MINUTE[0]).iterdir())))
-    diagnosed("--train", str(one), "--no-refit")  # compiles what is not there yet
+    run_diagnosis("--train", str(one), "--no-refit")  # compiles what is not there yet
     out = []
     for title, extra, high in (("as it is", ("--no-refit",), 5.0), ("refitted first", (), None)):
-        said, cpu, _ = diagnosed("--train", str(one), *extra)
+        answer, cpu, _ = run_diagnosis("--train", str(one), *extra)
         out.append(Figure(f"diagnose: a minute of recording, {title}, CPU", cpu, "s", high=high,
-                          note=f"{said['verdict']}, {len(said['causes'])} cause(s)"))
+                          note=f"{answer['verdict']}, {len(answer['causes'])} cause(s)"))
     if root != EXCERPT and scale >= 1.0:
         out += days(root)
     return out
@@ -64,14 +64,14 @@ def days(root: Path) -> list[Figure]:
     """Everything of some days against others."""
     train, test = ([str(f) for f in sorted(root.iterdir()) if f.name.startswith(part)]
                    for part in DAYS)
-    said, cpu, took = diagnosed("--train", *train, "--test", *test)
-    pooled = said["extended"]["errors"]["1.0"]["pooled"]
-    note = ", ".join(c["effect"] for c in said["causes"])
+    answer, cpu, took = run_diagnosis("--train", *train, "--test", *test)
+    pooled = answer["extended"]["errors"]["1.0"]["pooled"]
+    note = ", ".join(c["effect"] for c in answer["causes"])
     return [Figure(f"diagnose: eleven recordings, on {cores()} core(s)", took, "s", high=180.0,
                    note=f"{cpu:.0f} s of CPU; {note}"),
             *(Figure(f"diagnose: {channel} at 1 s on days left out", pooled[channel], unit,
-                     note=f"CTRV {said['ctrv']['1.0']['pooled'][channel]:.3g}, paper "
-                          f"{said['base']['errors']['1.0']['pooled'][channel]:.3g}")
+                     note=f"CTRV {answer['ctrv']['1.0']['pooled'][channel]:.3g}, paper "
+                          f"{answer['base']['errors']['1.0']['pooled'][channel]:.3g}")
               for channel, unit in (("vx", "m/s"), ("yaw_rate", "rad/s"), ("position", "m"),
                                     ("yaw_deg", "deg")))]
 

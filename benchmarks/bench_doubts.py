@@ -31,8 +31,8 @@ from dart_lab.sim.motion import MeanMotion
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import World
 
-UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
-"""Said of sound cars as well: one encoder has no sign."""
+IGNORED_DOUBTS = frozenset({Doubt.DIRECTION_UNSURE.value})
+"""Reported of sound cars as well: one encoder has no sign."""
 SLOPE = 0.04 * 9.81
 """m/s2 along a floor of 4 %."""
 
@@ -54,12 +54,12 @@ class Hand:
         world.motion.step = self._step  # type: ignore[method-assign]
 
     def _step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
-        felt, motion = self._inner(throttle, brake, angle), self._motion
+        inertial, motion = self._inner(throttle, brake, angle), self._motion
         if self.held:
             motion.v_x = motion.v_y = motion.omega = 0.0
             return MeanMotion(0.0, 0.0, 0.0, 0.0, 0.0)
         motion.v_x += self.push * self._dt
-        return felt._replace(a_x=felt.a_x + self.push)
+        return inertial._replace(a_x=inertial.a_x + self.push)
 
 
 @dataclass(slots=True)
@@ -72,7 +72,7 @@ class Driver:
     held: Any = None
 
     def every(self, t: float, period: float, draw: Callable[[], Any]) -> Any:
-        """A value drawn anew each ``period`` s."""
+        """A value drawn again each ``period`` s."""
         number = int(t / period)
         if self.held is None or self.held[0] != number:
             self.held = (number, draw())
@@ -123,7 +123,7 @@ def wall(d: Driver, t: float) -> None:
 
 
 def pushed(d: Driver, t: float) -> None:
-    """Nobody drives: to and fro by hand, with rests."""
+    """Moved to and fro by hand, with rests; no command."""
     d.hand.push = (3.0, -3.0, 0.0, -2.0, 2.0, 0.0)[int(t % 6.0)]
 
 
@@ -151,7 +151,7 @@ def drive(case: tuple[int, str], seconds: float) -> Outcome:
     seed, style = case
     act, model = STYLES[style]
     backend = open_backend(f"sim://?nano=mock&seed={seed}&model={model}")
-    told: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     first: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as cars, Car.over(backend, cars=cars) as car:
         hand = Hand(world_of(backend), 0.01 if "tick" in model else 0.001)
@@ -162,28 +162,28 @@ def drive(case: tuple[int, str], seconds: float) -> Outcome:
         for state in car.states(duration=seconds):
             start = state.t if start is None else start
             act(driver, state.t - start)
-            doubts = state.health.doubts - UNSURE
-            told.update(doubts)
+            doubts = state.health.doubts - IGNORED_DOUBTS
+            counts.update(doubts)
             for name in doubts:
                 first.setdefault(name, state.t - start)
     return Outcome(seconds, tuple((f"sim-{seed} {style}", n, round(first[n], 2), k * FRAME)
-                                  for n, k in told.items()))
+                                  for n, k in counts.items()))
 
 
 def recorded(path: Path) -> Outcome:
     """One recording of the real car."""
     files = parse_car(typical_car_toml(), "sim://", None)
-    seconds, told, first, name = 0.0, Counter[str](), dict[str, float](), path.name
+    seconds, counts, first, name = 0.0, Counter[str](), dict[str, float](), path.name
     for part in drives_of(read(path)):
         name = part.name
         for k, state in enumerate(states_of(part, files)):
-            doubts = state.health.doubts - UNSURE
-            told.update(doubts)
+            doubts = state.health.doubts - IGNORED_DOUBTS
+            counts.update(doubts)
             for doubt in doubts:
                 first.setdefault(doubt, seconds + k * FRAME - 2.0)
         seconds += len(part) * FRAME
     return Outcome(seconds, tuple((name, n, round(first[n], 2), k * FRAME)
-                                  for n, k in told.items()))
+                                  for n, k in counts.items()))
 
 
 def show(outcomes: Iterator[Outcome]) -> int:

@@ -21,7 +21,7 @@ RATES = (5e3, 10e3, 20e3, 40e3)
 """Edges/s and ring."""
 CLOCK_ERROR = 0.003
 """Of the resonator, to be found by the clock fit."""
-SETTLED = 5.0
+SETTLING_S = 5.0
 """s until the clock's rate is known to 10 ppm."""
 
 
@@ -74,7 +74,7 @@ def speed_error(speed: float, seconds: float) -> Figure:
     errors = []
     with BareNano((EDGES, 0), clock_error=CLOCK_ERROR) as bare:
         bare.roll(speed)
-        begin = BOOTED + SETTLED
+        begin = BOOTED + SETTLING_S
         for frame, t in bare.run(begin + seconds):
             if frame.message is not STATE:
                 continue

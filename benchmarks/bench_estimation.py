@@ -97,23 +97,23 @@ def cost_in_a_room(rate: int) -> dict[str, tuple[float, float]]:
     for k in range(count):
         t, turn = 0.01 * k, 0.01 * k
         motion = reckoned.update(t, 2.0 * t, 2.0, 1.0, t - 0.004)
-        seen = ExternalPose(t, t + 0.01, 2.0 * math.sin(turn), 2.0 - 2.0 * math.cos(turn), turn)
-        rows.append((t, reckoned.pose, motion, seen if k % (100 // rate) == 0 else None))
+        external = ExternalPose(t, t + 0.01, 2.0 * math.sin(turn), 2.0 - 2.0 * math.cos(turn), turn)
+        rows.append((t, reckoned.pose, motion, external if k % (100 // rate) == 0 else None))
 
     def tracking() -> None:
         tracker = PoseTracker()
-        for t, pose, _, seen in rows:
+        for t, pose, _, external in rows:
             tracker.update(t, pose)
-            if seen is not None:
-                tracker.add(seen)
+            if external is not None:
+                tracker.add(external)
             tracker.estimate_at(t)
 
     def room() -> None:
         estimator = ExternalPoseEstimator(Odometry())
-        for t, pose, motion, seen in rows:
+        for t, pose, motion, external in rows:
             estimator.update(t, pose, motion)
-            if seen is not None:
-                estimator.add(seen)
+            if external is not None:
+                estimator.add(external)
 
     return {work.__name__: cpu_us(work, count, 3) for work in (tracking, room)}
 

@@ -1,4 +1,4 @@
-"""The paper's sub-models on its own folders: CPU time of all, and beside the paper's optimiser.
+"""The paper's sub-models on its own folders: CPU time of all, compared with the paper's optimiser.
 
     python benchmarks/bench_identify.py
 """

@@ -1,4 +1,4 @@
-"""The joint fit on days that it has not seen: each day left out once, the rest fitted.
+"""The joint fit on test days: each day left out once, the rest fitted.
 
     python benchmarks/bench_joint.py
 """

@@ -25,8 +25,8 @@ ROUNDS = 20
 SEED = 1
 
 
-def standing(t: FloatArray) -> FloatArray:
-    """A car that does not move."""
+def pose_at_rest(t: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) of a car at rest."""
     return np.zeros((len(t), 3))
 
 
@@ -53,10 +53,10 @@ def matches_per_s(match: matcher.Matcher, scans: int) -> float:
     turn = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
     direction = np.column_stack((np.cos(turn), np.sin(turn)))
     reach = cast_numpy(room.lines, np.tile((x, y), (BEAMS, 1)), direction)
-    seen = reach < 10.0
+    has_return = reach < 10.0
     known = np.diag(1.0 / np.array((0.02, 0.02, 0.01, 0.002))**2)
     start = np.array((x + 0.02, y - 0.02, 0.02, 0.0))
-    each = [((reach + 0.015 * rng.normal(size=BEAMS))[:, None] * direction)[seen]
+    each = [((reach + 0.015 * rng.normal(size=BEAMS))[:, None] * direction)[has_return]
             for _ in range(scans)]
 
     def work() -> None:
@@ -80,8 +80,8 @@ def figures(scale: float = 1.0) -> list[Figure]:
                                scans_per_s(compiled, name, many), "scans/s",
                                15e3 if name == "room" else None))
     matched = [matches_per_s(m, many) for m in (matcher.match_numpy, matcher.native_match()) if m]
-    rows += [Figure(f"lidar: scans laid on a map, {name}", rate, "scans/s", wanted)
-             for name, rate, wanted in zip(("numpy", "kernel"), matched, (1e3, 5e3), strict=False)]
+    rows += [Figure(f"lidar: scans laid on a map, {name}", rate, "scans/s", target)
+             for name, rate, target in zip(("numpy", "kernel"), matched, (1e3, 5e3), strict=False)]
     if len(matched) == 2:
         rows.append(Figure("lidar: scans laid on a map, kernel over numpy", matched[1] / matched[0],
                            "times", 3.0))
@@ -95,7 +95,8 @@ def _per_second(seconds: float) -> tuple[float, float]:
     came: list[tuple[bytes, float]] = []
 
     def make() -> None:
-        came[:] = LidarUnit(standing, room_of("room", SEED), LidarParams(), SEED).chunks(seconds)
+        came[:] = LidarUnit(pose_at_rest, room_of("room", SEED), LidarParams(),
+                            SEED).chunks(seconds)
 
     def read() -> None:
         stream = LidarStream()

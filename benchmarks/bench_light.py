@@ -27,7 +27,7 @@ FULL = LightConfig(sensors=FIRMWARE, actuators=DART_ACTUATORS,
                    disturbance=Disturbance(0.12, 0.12, 0.15))
 BEAMS = 36
 PUBLIC = "f1tenth_gym_jax without scan: 250-390 k of 10 ms"
-"""Beside it: the fastest public environment of small cars, on another machine."""
+"""For comparison: the fastest public environment of small cars, on another machine."""
 
 
 def figures(scale: float = 1.0) -> list[Figure]:
@@ -58,12 +58,12 @@ def cars(scale: float) -> int:
 def _one(config: LightConfig, steps: int) -> float:
     car = LightCar(config=config)
     car.reset(v_x=1.0)
-    asks = config.sensors is not None
+    has_sensors = config.sensors is not None
 
     def drive() -> None:
         for _ in range(steps):
             car.advance(0.3, 0.2)
-            if asks:
+            if has_sensors:
                 car.read()
 
     return steps / best_cpu(drive, ROUNDS)

@@ -22,7 +22,7 @@ from dart_hal.vehicle.sets import UPSTREAM_2024
 SPEED = 2.0
 PLANS, ROUNDS = 400, 3
 """Of each plan the best round counts: they are the same to the bit."""
-WANTED = {False: 4.0, True: 1.2}
+TARGETS = {False: 4.0, True: 1.2}
 """ms, p95 with obstacles: on numpy, by generated C (extra ``mpc``)."""
 OBSTACLES = tuple(Obstacle(s, side, 0.15) for s, side in ((2.5, -0.15), (6.0, 0.15), (9.5, -0.15)))
 
@@ -39,7 +39,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
                 continue
             rows.append(Figure(f"contouring control, {'C' if compiled else 'numpy'}, {name}: "
                                "a plan, p95", p95, "ms",
-                               note=f"median {median:.2f}; wanted at most {WANTED[compiled]:g}"))
+                               note=f"median {median:.2f}; wanted at most {TARGETS[compiled]:g}"))
     return rows
 
 

@@ -80,15 +80,15 @@ def filtered(drive: Drive, seed: int | None) -> tuple[list[Pose], float]:
     pose_filter.start(Pose(*drive.start, 1e-6 * np.eye(3)))
     poses, seconds = [], 0.0
     for k, frame in enumerate(drive.frames):
-        seen = None
+        measured = None
         if seed is not None and k % EVERY == 0 and k >= LATE:
             late = drive.frames[k - LATE].true + STD * rng.standard_normal(3)
-            seen = Pose(*late, np.diag(STD**2))
+            measured = Pose(*late, np.diag(STD**2))
         since = time.process_time()
         for motion in frame.motions:
             pose_filter.predict(*motion)
-        if seen is not None:
-            pose_filter.correct(seen, 0.01 * LATE)
+        if measured is not None:
+            pose_filter.correct(measured, 0.01 * LATE)
         poses.append(pose_filter.estimate().pose)
         seconds += time.process_time() - since
     return poses, 1e6 * seconds / len(poses)

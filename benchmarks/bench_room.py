@@ -1,4 +1,4 @@
-"""Where hidden cars say they are in a room that sees them: through ``Car``, against the truth.
+"""Pose estimates of hidden cars in a room with motion capture: through ``Car``, against the truth.
 
     python benchmarks/bench_room.py                       cars 1 to 20, 60 s at 1 m/s, calibrated
     python benchmarks/bench_room.py 3 30 0                cars 1 to 3, 30 s, nothing calibrated
@@ -50,7 +50,7 @@ from dart_lab.sim.mocap import MocapParams, parse_mocap
 from dart_lab.sim.truth import reveal_url, world_of
 
 SETTLED, EVERY, GAP = 10.0, 5.0, 0.5  # s
-SEEN = "rate=10,noise=0.005,yaw_noise=0.005"
+MOCAP_OPTIONS = "rate=10,noise=0.005,yaw_noise=0.005"
 AHEAD = 5  # frames
 STDS = {"encoder.metres_per_edge": 1.2e-6, "imu.gyro_bias": 9e-5, "imu.gyro_scale": 3.3e-4,
         "imu.mount_yaw": 1e-3, "imu.mount_pitch": 5e-5, "imu.mount_roll": 5e-5,
@@ -60,7 +60,7 @@ STDS = {"encoder.metres_per_edge": 1.2e-6, "imu.gyro_bias": 9e-5, "imu.gyro_scal
 
 
 class Gaps:
-    """A source that tells nothing in the last ``GAP`` s of every ``EVERY`` s."""
+    """A source without poses in the last ``GAP`` s of every ``EVERY`` s."""
 
     on_board = False
 
@@ -101,12 +101,12 @@ class Frame(NamedTuple):
 
 
 @contextmanager
-def calibrated(url: str, seed: int, seen: bool) -> Iterator[str]:
+def write_calibration(url: str, seed: int, mocap: bool) -> Iterator[str]:
     """A folder with calibration.toml of a hidden car: its truth, and errors as procedures have."""
     rng, true = np.random.default_rng([seed, 77]), reveal_url(open_backend(url).url)["sensors"]
     found: dict[str, Quantity | Quantities] = {
         name: Quantity(true[name] + std * float(rng.standard_normal()), std)
-        for name, std in STDS.items() if seen or not name.startswith("mocap")}
+        for name, std in STDS.items() if mocap or not name.startswith("mocap")}
     found["encoder.ring"] = Quantities(tuple(true["encoder.ring"]), 2e-4)
     with tempfile.TemporaryDirectory() as folder:
         with Car.over(open_backend(url), cars=folder) as car:
@@ -115,16 +115,16 @@ def calibrated(url: str, seed: int, seen: bool) -> Iterator[str]:
         yield folder
 
 
-def driven(seed: int, seconds: float, seen: str, measured: bool = True, bend: float = 0.0,
+def simulate_drive(seed: int, seconds: float, mocap: str, measured: bool = True, bend: float = 0.0,
            record: Path | None = None) -> Drive:
-    """A drive of a hidden car, seen in a room, or not if ``seen`` is empty.
+    """Simulate a drive of a hidden car, with motion capture unless ``mocap`` is empty.
 
     bend [s]: how long each pair of bends takes; 0.0: around 7, changing.
     """
-    url = f"sim://?seed={seed}&nano=mock" + (f"&mocap={seen}" if seen else "")
+    url = f"sim://?seed={seed}&nano=mock" + (f"&mocap={mocap}" if mocap else "")
     if not measured:
         return _drive(url, seconds, None, bend, record)
-    with calibrated(url, seed, bool(seen)) as folder:
+    with write_calibration(url, seed, bool(mocap)) as folder:
         return _drive(url, seconds, folder, bend, record)
 
 
@@ -134,48 +134,48 @@ def _drive(url: str, seconds: float, cars: str | None, bend: float, record: Path
     if backend.poses is not None:
         backend.poses = Gaps(backend.poses)
     with Car.over(backend, cars=cars, record=record) as car:
-        start = moving(world.truth())
+        start = motion_vector(world.truth())
         car.arm()
         begin = world.t
         for state in car.states(duration=seconds):
-            frames.append(Frame(state, moving(world.truth(state.t))))
+            frames.append(Frame(state, motion_vector(world.truth(state.t))))
             t = tau * (state.t - begin)
             phase = t / bend if bend else t / 7.0 + 3.0 * sin(t / 23.0)
             car.drive_speed(steering=0.25 * sin(phase), speed=1.0)
     return Drive(start, frames)
 
 
-def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
+def score_drive(seed: int, seconds: float, mocap: str = MOCAP_OPTIONS, measured: bool = True,
            bend: float = 0.0) -> Score:
     """One hidden car; see the head of the file."""
-    start, frames = driven(seed, seconds, seen, measured, bend)
-    params = parse_mocap(seen, seed)
+    start, frames = simulate_drive(seed, seconds, mocap, measured, bend)
+    params = parse_mocap(mocap, seed)
     assert params is not None
     late = [k for k, frame in enumerate(frames) if frame.state.t - frames[0].state.t > SETTLED
             and frame.state.estimate.frame != START_FRAME]
     tracking = np.array([frames[k].state.estimate.tracking is Tracking.TRACKING for k in late])
-    off = np.array([away(frames[k].state.estimate.pose, in_room(frames[k].true, params))
+    off = np.array([pose_error(frames[k].state.estimate.pose, in_room(frames[k].true, params))
                     for k in late])
     error = np.hypot(off[:, 0], off[:, 1])
-    honest = [normalised(frames[k].state.estimate, in_room(frames[k].true, params))[0]
+    honest = [normalised_errors(frames[k].state.estimate, in_room(frames[k].true, params))[0]
               for k in late]
-    ahead = [normalised(frames[k].state.estimate.predict(frames[k + AHEAD].state.t),
+    ahead = [normalised_errors(frames[k].state.estimate.predict(frames[k + AHEAD].state.t),
                         in_room(frames[k + AHEAD].true, params))[1] for k in late[:-AHEAD]]
     return Score(float(np.sqrt(np.mean(error[tracking]**2))),
                  float(error[~tracking].max(initial=0.0)), float(np.mean(honest)),
-                 float(np.mean(ahead)), *reckoned(Drive(start, frames)))
+                 float(np.mean(ahead)), *score_dead_reckoning(Drive(start, frames)))
 
 
-def reckoned(drive: Drive) -> tuple[float, float]:
+def score_dead_reckoning(drive: Drive) -> tuple[float, float]:
     """Error of dead reckoning at the end / distance, and its normalised error squared."""
     end = drive.frames[-1]
     distance = sum(hypot(*(b.true - a.true)[:2]) for a, b in pairwise(drive.frames))
-    last = away(end.state.pose, relative(end.true, drive.start))
+    last = pose_error(end.state.pose, relative(end.true, drive.start))
     return (hypot(*last[:2]) / distance,
             float(last @ np.linalg.solve(end.state.pose.cov, last)))
 
 
-def moving(truth: Any) -> FloatArray:
+def motion_vector(truth: Any) -> FloatArray:
     """x, y, yaw, speed, yaw rate."""
     return np.array((truth.x, truth.y, truth.yaw, truth.v_x, truth.yaw_rate))
 
@@ -194,24 +194,25 @@ def relative(true: FloatArray, start: FloatArray) -> FloatArray:
     return np.array((c * x + s * y, -s * x + c * y, yaw, *true[3:]))
 
 
-def away(pose: Pose, true: FloatArray) -> FloatArray:
+def pose_error(pose: Pose, true: FloatArray) -> FloatArray:
     """Error (3,) of a pose; the yaw's within half a turn."""
     off = np.array((pose.x, pose.y, pose.yaw)) - true[:3]
     off[2] -= tau * round(off[2] / tau)
     return off
 
 
-def normalised(told: MotionEstimate, true: FloatArray) -> tuple[float, float]:
+def normalised_errors(estimate: MotionEstimate, true: FloatArray) -> tuple[float, float]:
     """Normalised error squared of the pose, and of pose, speed and yaw rate."""
-    off = np.array((*away(told.pose, true), told.speed - true[3], told.yaw_rate - true[4]))
-    return (float(off[:3] @ np.linalg.solve(told.cov[:3, :3], off[:3])),
-            float(off @ np.linalg.solve(told.cov, off)))
+    off = np.array((*pose_error(estimate.pose, true), estimate.speed - true[3],
+                    estimate.yaw_rate - true[4]))
+    return (float(off[:3] @ np.linalg.solve(estimate.cov[:3, :3], off[:3])),
+            float(off @ np.linalg.solve(estimate.cov, off)))
 
 
 def figures(scale: float = 1.0) -> list[Figure]:
     """All rows; a ``scale`` takes so many of four cars."""
     cars = max(round(4 * scale), 1)
-    table = np.array([scored(seed, 60.0) for seed in range(1, cars + 1)])
+    table = np.array([score_drive(seed, 60.0) for seed in range(1, cars + 1)])
     mean, most = table.mean(axis=0), table.max(axis=0)
     low, high = chi2.interval(0.95, 3 * cars) / np.array(cars)
     note = f"{cars} hidden cars, 60 s at 1 m/s, calibrated"
@@ -235,8 +236,9 @@ def main(cars: int = 20, seconds: float = 60.0, measured: int = 1, more: str = "
         print(f"{name:>5}", *(f"{value:10.2f}" for value in row), flush=True)
 
     for seed in range(first, first + cars):
-        score = (reckoned(driven(seed, seconds, "", bool(measured), bend)) if alone
-                 else scored(seed, seconds, SEEN + more, bool(measured), bend))
+        score = (score_dead_reckoning(simulate_drive(seed, seconds, "", bool(measured), bend))
+                 if alone else
+                 score_drive(seed, seconds, MOCAP_OPTIONS + more, bool(measured), bend))
         rows.append(np.array(score) * scales)
         show(str(seed), rows[-1])
     show("mean", np.mean(rows, axis=0))

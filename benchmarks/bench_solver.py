@@ -1,4 +1,4 @@
-"""The Levenberg-Marquardt of the joint fit beside scipy's solver, on the committed recordings.
+"""The Levenberg-Marquardt of the joint fit and scipy's solver, on the committed recordings.
 
     python benchmarks/bench_solver.py
 
@@ -26,17 +26,18 @@ from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.shooting import JointFit, ShootingProblem, fit, fit_from_recordings
 
 FOLDERS = ("60*", "circles*")
-TOLERANCE = 1e-4  # of the cost, as ours
+COST_TOLERANCE = 1e-4  # relative, as in the joint fit
 
 
 def by_scipy(residual: Callable[[FloatArray], FloatArray],
              jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
              low: FloatArray, high: FloatArray, *, robust: float, prior: float) -> Solution:
-    """What ``descend`` does, by the trust region reflective solver."""
+    """Minimise as ``descend`` does, by the trust region reflective solver."""
+    # A prior w |x|^2 is one more row of residuals, sqrt(w) x, for each parameter.
     pull = np.sqrt(prior)
     last: dict[bytes, FloatArray] = {}
 
-    def at(z: FloatArray) -> FloatArray:
+    def cached_residual(z: FloatArray) -> FloatArray:
         if z.tobytes() not in last:
             last.clear()
             last[z.tobytes()] = residual(z)
@@ -49,9 +50,9 @@ def by_scipy(residual: Callable[[FloatArray], FloatArray],
         return rho
 
     found = least_squares(
-        lambda z: np.append(at(z), pull * z), np.clip(x, low + 1e-9, high - 1e-9),
-        jac=lambda z: np.concatenate([jacobian(z, at(z)), pull * np.eye(len(z))]),
-        bounds=(low, high), loss=loss, f_scale=robust, ftol=TOLERANCE, xtol=TOLERANCE)
+        lambda z: np.append(cached_residual(z), pull * z), np.clip(x, low + 1e-9, high - 1e-9),
+        jac=lambda z: np.concatenate([jacobian(z, cached_residual(z)), pull * np.eye(len(z))]),
+        bounds=(low, high), loss=loss, f_scale=robust, ftol=COST_TOLERANCE, xtol=COST_TOLERANCE)
     r = residual(found.x)
     return Solution(found.x, r, jacobian(found.x, r), soft_l1_weight(r, robust),
                     bool(found.status > 0), at_bound(found.x, low, high))
@@ -62,12 +63,13 @@ def measure(solver: Callable[..., Solution]) -> tuple[JointFit, int, float]:
     recordings = read_any([p for name in FOLDERS for p in sorted(EXCERPT.glob(name))])[0]
     predict, count = ShootingProblem.predict, 0
 
-    def counted(self: ShootingProblem, *given: Any) -> FloatArray:
+    def predict_and_count(self: ShootingProblem, *given: Any) -> FloatArray:
         nonlocal count
         count += 1
         return predict(self, *given)
 
-    with patch.object(fit, "descend", solver), patch.object(ShootingProblem, "predict", counted):
+    with (patch.object(fit, "descend", solver),
+          patch.object(ShootingProblem, "predict", predict_and_count)):
         begin = time.process_time()
         made = fit_from_recordings(recordings, PAPER)[0]
         return made, count, time.process_time() - begin

@@ -41,7 +41,7 @@ PEAK = "\n".join([
 
 
 def figures(scale: float = 1.0) -> list[Figure]:
-    """Rows of the table; the paper's car stands beside the later set, which has more terms."""
+    """Rows of the table; the paper's car is next to the later set, which has more terms."""
     rows = _single(scale) + _batch("numpy", scale)
     if not status().startswith("compiled"):
         return [*rows, Figure("vehicle: compiled kernels", math.nan, "", note=status())]
@@ -106,10 +106,11 @@ def _agreement() -> Figure:
     draw = np.random.default_rng(1)
     start = np.repeat(np.array(START)[:, None], n, axis=1) * draw.uniform(0.7, 1.3, (8, n))
     held = draw.uniform(0.2, 0.4, (steps, n)), draw.uniform(-0.4, 0.4, (steps, n))
-    got, wanted = (car_rollout(UPSTREAM_2024, start, *held, output_samples=[steps], engine=e)
+    got, expected = (car_rollout(UPSTREAM_2024, start, *held, output_samples=[steps], engine=e)
                    for e in ("native", "numpy"))
-    apart = float(np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted))))
-    return Figure("vehicle: kernel and numpy after 200 steps, f64", apart, "of scale", high=1e-12)
+    difference = float(np.max(np.abs(got - expected) / np.maximum(1.0, np.abs(expected))))
+    return Figure("vehicle: kernel and numpy after 200 steps, f64", difference, "of scale",
+                  high=1e-12)
 
 
 def work(p: Vehicle) -> tuple[int, int]:

@@ -38,7 +38,7 @@ CARS, PROGRAMS = 20, 2
 ROOM = "udp://239.255.42.97:7449?via=127.0.0.1"
 
 
-def listen(port: int, pages: int, seconds: float, camera: bool, told: Any) -> None:
+def listen(port: int, pages: int, seconds: float, camera: bool, results_queue: Any) -> None:
     """Read for so long; of all pages (samples, steps that are not 10 ms, ages [s], images)."""
     sockets = [connect(f"ws://localhost:{port}/socket", max_size=None, compression=None)
                for _ in range(pages)]
@@ -54,7 +54,7 @@ def listen(port: int, pages: int, seconds: float, camera: bool, told: Any) -> No
         thread.start()
     for thread in threads:
         thread.join()
-    told.put((sum(r[0] for r in results), sum(r[1] for r in results),
+    results_queue.put((sum(r[0] for r in results), sum(r[1] for r in results),
               [age for r in results for age in r[2]], sum(images)))
 
 
@@ -90,9 +90,9 @@ def page(camera: bool = False) -> None:
     base, spawn = 0.0, multiprocessing.get_context("spawn")
     for pages in PAGES:
         with Car.open(url) as car, car.view(port=0) as live:
-            told = spawn.Queue()
+            results_queue = spawn.Queue()
             reader = spawn.Process(target=listen, args=(
-                live.access.port, pages, SECONDS, camera, told))
+                live.access.port, pages, SECONDS, camera, results_queue))
             reader.start()
             time.sleep(3.0)  # it imports, and connects
             cpu, wall = time.process_time(), time.monotonic()
@@ -103,7 +103,7 @@ def page(camera: bool = False) -> None:
             line = f"{pages} pages: {100 * share:.1f} % of a core, {100 * (share - base):+.1f}"
             for _ in car.states(duration=5.0):
                 pass
-            samples, gaps, ages, images = told.get()
+            samples, gaps, ages, images = results_queue.get()
             reader.join()
             if pages:
                 ages.sort()
@@ -139,7 +139,7 @@ def fleet() -> tuple[float, float, float]:
     time.sleep(15.0)  # they are open, and tell
     with Station(ROOM) as station:
         desk = FleetDesk([station])
-        news = seen(desk)
+        news = iterate_news(desk)
         came = time.monotonic()
         while len(next(news)) < CARS:
             pass
@@ -165,7 +165,7 @@ def fleet() -> tuple[float, float, float]:
     return found, red, stopped if len(call.confirmed_cars) == CARS - 1 else inf
 
 
-def seen(desk: FleetDesk) -> Iterator[list[dict[str, object]]]:
+def iterate_news(desk: FleetDesk) -> Iterator[list[dict[str, object]]]:
     """The cars as the page knows them, thirty times a second."""
     cars: list[dict[str, object]] = []
     while True:

@@ -1,7 +1,7 @@
 """A row of the table, and how time is taken: CPU time, best of a few rounds.
 
 CPU time, because other work on the machine is not ours; the best round,
-because whatever disturbs one only ever slows it down.
+because a disturbance can only slow it down.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Figure:
     """One measured figure.
 
     ``low``, ``high``: what it must reach, None = no bound on that side; both
-    None: a figure to compare with. ``note``: what stands beside it.
+    None: a figure to compare with. ``note``: shown next to it.
     """
 
     name: str
@@ -92,7 +92,7 @@ def machine() -> dict[str, str]:
 
 
 def _processor() -> str:
-    """One core of what; Linux tells it in /proc/cpuinfo."""
+    """Model of a core; Linux has it in /proc/cpuinfo."""
     listing = Path("/proc/cpuinfo")
     if sys.platform == "linux" and listing.is_file():
         for line in listing.read_text(encoding="utf-8").splitlines():

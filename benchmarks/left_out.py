@@ -1,4 +1,4 @@
-"""Every recording of the car predicted by models that have not seen it, one left out at a time.
+"""Every recording of the car predicted by models fitted without it, one left out at a time.
 
     python benchmarks/left_out.py FOLDER --only cornering_drag steering_compliance
 

@@ -29,7 +29,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Ellipse
 
-INK, HIT, TOLD = "#22313f", "#c0504d", "#2a78b8"
+INK, HIT, RECEIVED = "#22313f", "#c0504d", "#2a78b8"
 PLACES = ((3.4, 0.75, 0.0), (5.2, 1.25, 0.05), (6.6, 0.8, 0.0), (8.2, 1.15, 0.0))
 SILENT = 0.6
 """s for which the last car is not heard."""
@@ -55,12 +55,13 @@ def ellipse(axis: Axes, pose: Pose, start: Placed) -> None:
     values, vectors = np.linalg.eigh(pose.cov[:2, :2])
     angle = np.degrees(start[2] + np.arctan2(vectors[1, 1], vectors[0, 1]))
     wide, long = 4.0 * np.sqrt(values)
-    axis.add_patch(Ellipse((x, y), long, wide, angle=angle, fill=False, color=TOLD, linewidth=1.2))
-    axis.plot(x, y, "x", color=TOLD, markersize=5)
+    axis.add_patch(Ellipse((x, y), long, wide, angle=angle, fill=False, color=RECEIVED,
+                           linewidth=1.2))
+    axis.plot(x, y, "x", color=RECEIVED, markersize=5)
 
 
 def corridor(axis: Axes) -> None:
-    """Drive for 1.5 s, then draw what the first car sees and has been told."""
+    """Drive for 1.5 s, then draw what the first car measures and receives."""
     sees = "&lidar=rate=7,noise=0.01,dropout=0,lost=0&map=corridor"
     backends = [open_backend(f"sim://?nano=mock&seed={n + 1}&world=lab&at={x},{y},{yaw}"
                              + (sees if n == 0 else ""))
@@ -94,7 +95,7 @@ def corridor(axis: Axes) -> None:
             ellipse(axis, other.pose, start)
             x, y, _ = placed((other.pose.x, other.pose.y, 0.0), start)
             axis.annotate(f"{1e3 * other.age:.0f} ms" + (", lost" if other.lost else ""),
-                          (x, y + 0.22), color=TOLD, fontsize=8, ha="center")
+                          (x, y + 0.22), color=RECEIVED, fontsize=8, ha="center")
         axis.annotate("this car", (truths[0][0], truths[0][1] - 0.32), fontsize=8, ha="center")
     axis.set(xlim=(2.6, 11.6), ylim=(-0.3, 2.3), aspect="equal", xlabel="x, m", ylabel="y, m",
              title="red: one revolution of the first car's lidar; blue: last known poses, 2 sigma")

@@ -1,9 +1,9 @@
-"""Where a hidden car says it is, drawn: dead reckoning before and after calibration, the filter.
+"""Pose estimates of a hidden car: dead reckoning before and after calibration, the filter.
 
     python benchmarks/plot_room.py 1 docs/pictures/estimation_room.png
 
 One minute of car 1 at 1 m/s, as ``bench_room.py`` drives it. Left: the end of the way, true and as
-it is told, with ellipses of two sigma. Right: position error over time, and two sigma of it.
+estimated, with ellipses of two sigma. Right: position error over time, and two sigma of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from bench_room import SEEN, Drive, driven, in_room, relative
+from bench_room import MOCAP_OPTIONS, Drive, in_room, relative, simulate_drive
 
 from dart_hal.core.types import FloatArray, Pose, State
 from dart_lab.sim.mocap import parse_mocap
@@ -39,12 +39,13 @@ def filtered(state: State) -> Pose:
 
 def main(seed: int, out: Path) -> None:
     """Drive three times, draw, write the PNG."""
-    room = parse_mocap(SEEN, seed)
+    room = parse_mocap(MOCAP_OPTIONS, seed)
     assert room is not None
-    plain = driven(seed, 60.0, SEEN, measured=False)
-    known = driven(seed, 60.0, SEEN)
+    plain = simulate_drive(seed, 60.0, MOCAP_OPTIONS, measured=False)
+    known = simulate_drive(seed, 60.0, MOCAP_OPTIONS)
 
-    def told(drive: Drive, pose_of: Callable[[State], Pose]) -> tuple[FloatArray, FloatArray]:
+    def transform_poses(drive: Drive, pose_of: Callable[[State], Pose]
+                        ) -> tuple[FloatArray, FloatArray]:
         """x, y and covariance of each frame, in the frame of the start."""
         start = in_room(drive.start, room)
         c, s = np.cos(start[2]), np.sin(start[2])
@@ -62,7 +63,7 @@ def main(seed: int, out: Path) -> None:
     for name, colour, drive, pose_of in zip(
             names, COLOURS, (plain, known, known), (reckoned, reckoned, filtered), strict=True):
         true = np.array([relative(frame.true, drive.start)[:2] for frame in drive.frames])
-        places, covs = told(drive, pose_of)
+        places, covs = transform_poses(drive, pose_of)
         way(left, places, covs[-1], name, colour)
         t = np.array([frame.state.t for frame in drive.frames])
         right.plot(t - t[0], 100.0 * np.hypot(*(places - true).T), color=colour, lw=1.2)

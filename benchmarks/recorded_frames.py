@@ -27,9 +27,11 @@ AGE = 0.0065
 """s from an IMU sample to its frame."""
 LATE = 0.05
 """s: a speed is the mean of the 0.1 s before its message, a command on average 0.05 s old.
-With motion capture the way of the message to the recorder comes on top: ``lateness``."""
-TELLING, USUAL = 0.5, 0.1
-"""m/s2 of a change of speed that shows the lateness; s of it where nothing does."""
+With motion capture the way of the message to the recorder comes on top: ``estimate_delay``."""
+# m/s2: change of speed from which on the delay can be estimated.
+MIN_ACCEL = 0.5
+# s: delay where it cannot.
+DEFAULT_DELAY = 0.1
 VALID = 1 << STATE_FLAGS.index("IMU_VALID")
 
 
@@ -51,7 +53,7 @@ class Drive:
 
 
 class Values(tuple[int, ...]):
-    """What Telemetry asks of a frame."""
+    """Values of a frame, as Telemetry reads them."""
 
     def values(self) -> tuple[int, ...]:
         return self
@@ -70,7 +72,7 @@ def drives_of(recording: Recording) -> Iterator[Drive]:
         if len(t) < 20 or t[-1] - t[0] < 2.0:
             continue
         at = np.arange(t[0], t[-1], FRAME)
-        late = LATE if motion is None else lateness(t, np.nan_to_num(m.speed[rows]), motion)
+        late = LATE if motion is None else estimate_delay(t, np.nan_to_num(m.speed[rows]), motion)
         speed = np.interp(at, t - late, np.nan_to_num(m.speed[rows]))
         held = np.clip(np.searchsorted(t - LATE, at, side="right") - 1, 0, len(t) - 1)
         yaw_rate = np.interp(at, t, np.nan_to_num(m.yaw_rate[rows]))
@@ -87,12 +89,12 @@ def drives_of(recording: Recording) -> Iterator[Drive]:
                     np.array([angle(s) for s in m.steering[rows][held]]), true)
 
 
-def lateness(t: FloatArray, speed: FloatArray, motion: Grid) -> float:
+def estimate_delay(t: FloatArray, speed: FloatArray, motion: Grid) -> float:
     """s by which the encoder's messages are behind the motion capture, by least squares."""
     good = ~motion.bad & np.isfinite(motion.v_x)
-    good &= np.abs(np.gradient(motion.v_x, FRAME)) > TELLING
+    good &= np.abs(np.gradient(motion.v_x, FRAME)) > MIN_ACCEL
     if not speed.any() or good.sum() < 30:
-        return USUAL
+        return DEFAULT_DELAY
 
     def miss(late: float) -> float:
         error = np.interp(motion.t[good], t - late, speed) - np.abs(motion.v_x[good])
@@ -102,7 +104,7 @@ def lateness(t: FloatArray, speed: FloatArray, motion: Grid) -> float:
 
 
 def states_of(drive: Drive, files: CarFiles) -> Iterator[State]:
-    """The States that ``Telemetry`` makes of it; before it the car stands, disarmed, for 2 s."""
+    """The States that ``Telemetry`` makes of it, after 2 s at rest and disarmed."""
     telemetry = Telemetry(files, 20e-6)
     metres = files.metres_per_edge.value
     travel = np.cumsum(np.maximum(drive.speed, 0.0)) * FRAME
@@ -118,10 +120,10 @@ def states_of(drive: Drive, files: CarFiles) -> Iterator[State]:
                 t = now - FRAME * (1.0 - (count * metres - before) / max(after - before, 1e-12))
                 interval, last = t - last, t
             before = after
-        felt = k >= 0 and bool(np.isfinite(drive.accel_x[k]))
+        has_accel = k >= 0 and bool(np.isfinite(drive.accel_x[k]))
         noise = (k * 7 % 5 - 2, k * 3 % 5 - 2, 1)
-        accel = (drive.accel_x[k], drive.accel_y[k]) if felt else (0.0, 0.0)
-        flags = VALID if k < 0 or felt else 0
+        accel = (drive.accel_x[k], drive.accel_y[k]) if has_accel else (0.0, 0.0)
+        flags = VALID if k < 0 or has_accel else 0
         rate = drive.yaw_rate[k] if k >= 0 else 0.0
         ticks = round(now * TICKS_PER_SECOND)
         values = Values((

@@ -15,7 +15,7 @@ from dart_hal.core.errors import CalibrationFailed, ConfigError, LinkLost, Plugi
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
-NAMES = list(order.PROCEDURE_NAMES)
+PROCEDURES = list(order.PROCEDURE_NAMES)
 
 CODE = """
 from dart_hal.calibration.procedure import Procedure, ProcedurePlan
@@ -61,7 +61,7 @@ def package(tmp_path, monkeypatch):
     monkeypatch.delitem(__import__("sys").modules, "other_calibrations", raising=False)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PROCEDURES)
 def test_each_procedure_fulfils_the_interface(name):
     procedure = order.load_procedure(name)
     assert isinstance(procedure, Procedure)
@@ -74,10 +74,11 @@ def test_each_procedure_fulfils_the_interface(name):
     for key in procedure.keys:
         table, _, field = key.partition(".")
         assert hasattr(getattr(Calibration(car="dart-01"), table), field)
-    assert set(procedure.after) <= set(NAMES[:NAMES.index(name)]), "it would use what comes later"
+    earlier = PROCEDURES[:PROCEDURES.index(name)]
+    assert set(procedure.after) <= set(earlier), "it would use what comes later"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PROCEDURES)
 def test_a_refused_plan_moves_nothing(name):
     with Car.open("sim://?nano=mock") as car:
         before = car.now
@@ -99,7 +100,7 @@ def test_a_typed_clock_shows_no_question():
 
 
 def test_procedures_of_other_packages_come_last(package):
-    assert order.list_names() == (*NAMES, "forgetful", "lost", "misnamed", "number", "missing")
+    assert order.list_names() == (*PROCEDURES, "forgetful", "lost", "misnamed", "number", "missing")
     assert order.load_procedure("clock").help.startswith("The oscillator"), "ours stays ours"
     steps = order.make_steps(load_car("dart-01", ["cars"]), skip=("misnamed", "number", "missing"))
     assert steps[-1].verb == "forgetful"

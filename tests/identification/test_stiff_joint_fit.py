@@ -18,7 +18,7 @@ from dart_lab.identification.shooting import ShootingProblem, fit_jointly
 
 STIFF = replace(PAPER, tyres=AxleTyres(front_D=0.8, front_C=1.4, front_B=30.0, rear_D=0.8,
                                        rear_C=1.4, rear_B=40.0))
-START = replace(STIFF, tyres=replace(STIFF.tyres, front_B=36.0, rear_B=30.0))
+START_MODEL = replace(STIFF, tyres=replace(STIFF.tyres, front_B=36.0, rear_B=30.0))
 """Where the fit begins: 20 and 25 % off."""
 NOISE = (0.005, 0.004, 0.02)
 
@@ -44,7 +44,7 @@ def scores(seconds):
     """(error by standard error, identifiable) of the stiffness of each axle."""
     with np.errstate(all="ignore"):
         found = fit_jointly(ShootingProblem.from_grids([driven(1, seconds), driven(2, seconds)]),
-                            START, ("tyres",))
+                            START_MODEL, ("tyres",))
     out = {}
     for i, name in enumerate(found.names):
         off = value(found.vehicle, name) - value(STIFF, name)

@@ -27,7 +27,7 @@ from dart_lab.sim.light import (
 )
 from dart_lab.sim.light.effects import COMMAND_CHANNELS
 
-STEPS = 150
+DRIVE_STEPS = 150
 WITH_SIGNALS = [name for name, of in catalogue().items() if of.signals]
 ROLLING = replace(UPSTREAM_2024, kind="kinematic")
 
@@ -40,7 +40,7 @@ def command(k):
     return 0.3 + 0.15 * (k % 50 > 25), 0.6 if k % 70 > 35 else -0.4
 
 
-def drive(car, steps=STEPS):
+def drive(car, steps=DRIVE_STEPS):
     """Readings (steps, 8)."""
     return np.array([car.drive(*command(k)) for k in range(steps)])
 
@@ -103,7 +103,7 @@ def test_the_wheels_are_where_the_signals_put_them(name):
     car, curve = LightCar(p), make_steering(p.steering)
     turn, bend = Stepper(p, "steering", 0.01), Stepper(p, "angle", 0.01)
     bend(curve(turn(0.0, Now())), Now())            # at rest, wheels at the centre
-    for k in range(STEPS):
+    for k in range(DRIVE_STEPS):
         throttle, steering = command(k)
         car.advance(throttle, steering)
         expected = bend(curve(turn(steering, Now(0.01 * k))), Now(0.01 * k))

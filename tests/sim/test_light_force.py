@@ -26,7 +26,7 @@ def variance(disturbance, step, seconds=0.6):
     return float(np.var(batch.state[3]))
 
 
-STEPS = (0.005, 0.01, 0.02)
+STEP_LENGTHS = (0.005, 0.01, 0.02)
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_white_noise_has_the_variance_of_theory():
                          ids=["white", "correlated"])
 @pytest.mark.slow
 def test_the_effect_does_not_depend_on_the_step(disturbance):
-    got = [variance(disturbance, step) for step in STEPS]
+    got = [variance(disturbance, step) for step in STEP_LENGTHS]
     assert max(got) / min(got) < 1.12
 
 
@@ -50,11 +50,11 @@ def test_the_effect_does_not_depend_on_the_step(disturbance):
 def test_noise_without_the_root_of_the_step_would_fail():
     """The negative control: one kick of the same size per step, as is often written."""
     got = [variance(Disturbance(SIGMA * math.sqrt(0.01 / step), 0.0, 0.0), step)
-           for step in STEPS]
+           for step in STEP_LENGTHS]
     assert max(got) / min(got) > 2.0
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", STEP_LENGTHS)
 def test_a_correlated_force_has_its_size_and_its_memory(step):
     rng = np.random.default_rng(3)
     kick = RandomForce(Disturbance(0.12, 0.12, 0.15), 1.5, step)
