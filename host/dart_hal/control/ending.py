@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from enum import Enum
-
 from dart_hal.control.stopping import StopManoeuvre, StuckDetector
-from dart_hal.core.types import MotionEstimate
+from dart_hal.core.types import MotionEstimate, TextEnum
 
 # Longest time without an accepted pose or lane [s], four scans; at 2 m/s dead reckoning is 2 cm off
 # by then, and a car stops within the observed 2.5 m of a lane.
@@ -16,7 +14,7 @@ MAX_BRIDGED_GAP = 1.5
 MAX_START_WAIT = 5.0
 
 
-class Phase(str, Enum):
+class Phase(TextEnum):
     """Phase of a drive; JOINING only on a path: outside the lane, before the car was inside."""
 
     WAITING = "WAITING"
@@ -24,9 +22,6 @@ class Phase(str, Enum):
     FOLLOWING = "FOLLOWING"
     STOPPING = "STOPPING"
     ENDED = "ENDED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class Ending:

@@ -9,7 +9,6 @@ last position and is not passed.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from enum import Enum
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
@@ -26,7 +25,7 @@ from dart_hal.control.mpc.obstacles import (
 from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.mpc.tracker import OBSTACLE_LANE_MARGIN
 from dart_hal.control.paths import Path
-from dart_hal.core.types import Pose
+from dart_hal.core.types import Pose, TextEnum
 
 # Radius of the disc that contains a body [m].
 BODY_RADIUS = hypot(HALF_LENGTH, HALF_WIDTH)
@@ -41,15 +40,12 @@ MIN_START_SPEED = 0.3
 RESTART_MARGIN = 0.03
 
 
-class TrafficWait(str, Enum):
+class TrafficWait(TextEnum):
     """What the other cars require."""
 
     FREE = "FREE"
     BEHIND = "BEHIND"
     LOST = "LOST"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class NearbyCar(NamedTuple):

@@ -104,28 +104,21 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         from dart_lab.identification.paper import as_paper
 
         outcome, data = as_paper(root, names, typed)
-    elif joint:
-        data, skipped = _read_recordings(files, reference, car_name, cars)
-        sizes = apply_car_sizes(origin, start, car, data, fitting=True)
-        sizes.show(as_json)
-        start = sizes.model
-        with progress_bar() as bar:
-            task = bar.add_task("joint fit", total=1.0)
-            outcome, data = identify_jointly(data, skipped, names, start, typed, reference,
-                                             lambda share, text: bar.update(task, completed=share,
-                                                                            description=text))
     else:
         data, skipped = _read_recordings(files, reference, car_name, cars)
         sizes = apply_car_sizes(origin, start, car, data, fitting=True)
         sizes.show(as_json)
         start = sizes.model
         with progress_bar() as bar:
-            task = bar.add_task("fitting", total=1.0)
-            outcome, data = identify_per_recording(data, skipped, names, sizes.vehicle, typed,
-                                                   reference,
-                                                   lambda share,
-                                                   text: bar.update(task, completed=share,
-                                                                    description=text))
+            task = bar.add_task("joint fit" if joint else "fitting", total=1.0)
+
+            def advance(share: float, text: str) -> None:
+                bar.update(task, completed=share, description=text)
+
+            outcome, data = (
+                identify_jointly(data, skipped, names, start, typed, reference, advance) if joint
+                else identify_per_recording(data, skipped, names, sizes.vehicle, typed, reference,
+                                            advance))
     # The model: fitted values where the fit is sound, else those of the base model.
     written = build_model(outcome.fits, outcome.over(start), outcome.source,
                           joint=outcome.joint)

@@ -34,7 +34,7 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.devices.links.image import BOOTLOADER
-from dart_hal.devices.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans
+from dart_hal.devices.links.paced import PacedBus, PacedDevice, PacedLink, PacedPoses
 from dart_lab.sim.arena import contacts_with, enter_arena, parse_start, room_seed
 from dart_lab.sim.camera import TopView
 from dart_lab.sim.car_file import car_toml
@@ -171,9 +171,9 @@ def _pace_backend(backend: Backend, link: SimLink, world: World,
     paced = PacedLink(link, lambda: link.now, link.sleep)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
                    virtual=False, poses=backend.poses and PacedPoses(backend.poses, paced),
-                   lidar=backend.lidar and PacedScans(backend.lidar, paced),
-                   camera=backend.camera and PacedImages(backend.camera, paced),
-                   cameras={"top": lambda: PacedImages(top(), paced)},
+                   lidar=backend.lidar and PacedDevice(backend.lidar, paced),
+                   camera=backend.camera and PacedDevice(backend.camera, paced),
+                   cameras={"top": lambda: PacedDevice(top(), paced)},
                    workshop=SimWorkshop(world, paced.lock))
 
 

@@ -77,8 +77,8 @@ class MotorForce:
             self.k0 = self.leads * k0 + self.push
 
 
-class DynamicMotion:
-    """Dynamic bicycle with tyres, valid at rest and in reverse, integrated by RK4."""
+class BicycleMotion:
+    """State at rest, with the rear axle at the origin; base class of both bicycles."""
 
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
         self.x = vehicle.body.l_r
@@ -86,8 +86,31 @@ class DynamicMotion:
         self.eta = 0.0
         self.v_x = self.v_y = self.omega = 0.0
         self._per_dt = 1.0 / dt
-        self._advance = _make_dynamic_tick(vehicle, dt)
         self.drive = MotorForce(vehicle)
+
+    def _set_velocities(self, vx: float, vy: float, om: float) -> MeanMotion:
+        """Set the velocities at the end of a tick; return the means over it."""
+        u = self.v_x
+        v = self.v_y
+        r = self.omega
+        f = self._per_dt
+        self.v_x = vx
+        self.v_y = vy
+        self.omega = om
+        # Mean acceleration of the body, in its rotating axes: a = dv/dt + omega x v.
+        mean_u = 0.5 * (u + vx)
+        mean_v = 0.5 * (v + vy)
+        mean_r = 0.5 * (r + om)
+        return MeanMotion(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
+                          mean_r, (om - r) * f)
+
+
+class DynamicMotion(BicycleMotion):
+    """Dynamic bicycle with tyres, valid at rest and in reverse, integrated by RK4."""
+
+    def __init__(self, vehicle: Vehicle, dt: float) -> None:
+        super().__init__(vehicle, dt)
+        self._advance = _make_dynamic_tick(vehicle, dt)
         self._angle = 0.0
         self._cos = 1.0
         self._sin = 0.0
@@ -99,55 +122,27 @@ class DynamicMotion:
             self._angle = angle
             self._cos = math.cos(angle)
             self._sin = math.sin(angle)
-        u = self.v_x
-        v = self.v_y
-        r = self.omega
-        f = self._per_dt
         self.x, self.y, self.eta, vx, vy, om = self._advance(
-            self.x, self.y, self.eta, u, v, r, drive.k0, drive.k1, brake, self._cos, self._sin)
-        self.v_x = vx
-        self.v_y = vy
-        self.omega = om
-        # Mean acceleration of the body, in its rotating axes: a = dv/dt + omega x v.
-        mean_u = 0.5 * (u + vx)
-        mean_v = 0.5 * (v + vy)
-        mean_r = 0.5 * (r + om)
-        return MeanMotion(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
-                    mean_r, (om - r) * f)
+            self.x, self.y, self.eta, self.v_x, self.v_y, self.omega, drive.k0, drive.k1, brake,
+            self._cos, self._sin)
+        return self._set_velocities(vx, vy, om)
 
 
-class KinematicMotion:
+class KinematicMotion(BicycleMotion):
     """Kinematic bicycle: no slip, the yaw rate follows the road wheels without delay."""
 
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
-        self.x = vehicle.body.l_r
-        self.y = 0.0
-        self.eta = 0.0
-        self.v_x = self.v_y = self.omega = 0.0
-        self._per_dt = 1.0 / dt
+        super().__init__(vehicle, dt)
         self._l_r = vehicle.body.l_r
         self._wheelbase = vehicle.body.wheelbase
         self._advance = _make_kinematic_tick(vehicle, dt)
-        self.drive = MotorForce(vehicle)
 
     def step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
         drive = self.drive
-        f = self._per_dt
         tan = math.tan(angle)
         drive.set_throttle(throttle)
-        u = self.v_x
-        v = self.v_y
-        r = self.omega
         self.x, self.y, self.eta, vx = self._advance(
-            self.x, self.y, self.eta, u, drive.k0, drive.k1, brake, tan)
+            self.x, self.y, self.eta, self.v_x, drive.k0, drive.k1, brake, tan)
         # Without slip: yaw rate = v tan(delta) / wheelbase, v_y of the centre of mass = l_r omega.
         om = vx * tan / self._wheelbase
-        vy = self._l_r * om
-        self.v_x = vx
-        self.v_y = vy
-        self.omega = om
-        mean_u = 0.5 * (u + vx)
-        mean_v = 0.5 * (v + vy)
-        mean_r = 0.5 * (r + om)
-        return MeanMotion(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
-                    mean_r, (om - r) * f)
+        return self._set_velocities(vx, self._l_r * om, om)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from enum import Enum
 from math import inf
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from dart_hal.control.crossing.message import (
 from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict, Precedence
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.core.errors import UsageError
+from dart_hal.core.types import TextEnum
 
 # Distance before the ground at which a car requests [m]: 1 m to stop from 1 m/s, and 1.6 s for an
 # answer, which at 80 % loss arrives in time in four of five cases.
@@ -39,7 +39,7 @@ MAX_SILENCE = 2.0
 MAX_MESSAGE_AGE = 2.0
 
 
-class CrossingWait(str, Enum):
+class CrossingWait(TextEnum):
     """Why a car is slower than its target speed; GOING: it is not.
 
     TO_BE_KNOWN: a car has not reported that it receives this session; FOR_LEADER: the car ahead in
@@ -55,9 +55,6 @@ class CrossingWait(str, Enum):
     SILENT = "SILENT_CAR"
     FOLLOWING = "FOLLOWING"
     STRANDED = "STRANDED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class StopLine(NamedTuple):

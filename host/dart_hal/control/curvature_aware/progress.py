@@ -15,9 +15,9 @@ minimum keeps it finite at the centre of the bend, and is 0.04 m off after 3 m a
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum
 from typing import Any
 
+from dart_hal.core.types import TextEnum
 from dart_hal.vehicle.namespace import ARRAY, Namespace, Value
 
 # Parameters of the soft minimum.
@@ -28,14 +28,11 @@ State7 = tuple[Value, Value, Value, Value, Value, Value, Value]
 CurvatureFunction = Callable[[Value], Value]
 
 
-class Law(str, Enum):
+class Law(TextEnum):
     """Law of the progress."""
 
     MPCC = "mpcc"
     CA = "ca-mpcc"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 def softmin(x: Value, f: Namespace = ARRAY) -> Value:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from enum import Enum
 from math import hypot, inf, pi
 
 import numpy as np
@@ -34,7 +33,7 @@ from dart_hal.control.monitoring.peer import (
 )
 from dart_hal.control.plant import Plant
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import FloatArray, MotionEstimate
+from dart_hal.core.types import FloatArray, MotionEstimate, TextEnum
 
 # Largest error of a neighbour's phase from its slot [rad]: 4 % of the distance from one robot to
 # the next of five.
@@ -47,7 +46,7 @@ MIN_RATE_FACTOR = 0.3
 MAX_RATE_FACTOR = 2.0
 
 
-class MonitorMode(str, Enum):
+class MonitorMode(TextEnum):
     """Mode of a car of the team.
 
     WAITING: its position is unknown; SPREADING: the phases are not even yet; MONITORING;
@@ -62,9 +61,6 @@ class MonitorMode(str, Enum):
     YIELDING = "YIELDING"
     ALONE = "ALONE"
     ENDED = "ENDED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 MODE_OF_PHASE = {

@@ -10,12 +10,11 @@ phases, so any car on the curve can be a neighbour, whatever program drives it.
 
 from __future__ import annotations
 
-from enum import Enum
 from math import inf, pi, remainder
 from typing import Protocol
 
 from dart_hal.control.monitoring.course import Course
-from dart_hal.core.types import FloatArray
+from dart_hal.core.types import FloatArray, TextEnum
 
 # Age up to which a message is recent [s], ten messages: as for poses (``dart_hal.fleet``).
 MAX_MESSAGE_AGE = 0.5
@@ -26,15 +25,12 @@ PLAN_STEP = 0.25
 PLAN_POINTS = 13
 
 
-class Contact(str, Enum):
+class Contact(TextEnum):
     """How well another car's phase is known."""
 
     IN_TOUCH = "IN_TOUCH"
     EXTRAPOLATED = "EXTRAPOLATED"
     SILENT = "SILENT"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class ReceivedPlan(Protocol):

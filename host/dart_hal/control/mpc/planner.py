@@ -15,7 +15,6 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
 from math import inf
 from typing import Generic, NamedTuple, TypeVar
 
@@ -26,7 +25,7 @@ from dart_hal.control.mpc.obstacles import Corridor, Obstacle
 from dart_hal.control.mpc.problem import MpcLimits
 from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
-from dart_hal.core.types import FloatArray
+from dart_hal.core.types import FloatArray, TextEnum
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -34,16 +33,13 @@ from dart_hal.vehicle.parameters import Vehicle
 DIVERGENCE_LIMIT = 1e3
 
 
-class PlanOutcome(str, Enum):
+class PlanOutcome(TextEnum):
     """How a plan was obtained, see the module."""
 
     SOLVED = "SOLVED"
     BLOCKED = "BLOCKED"
     LATE = "LATE"
     DIVERGED = "DIVERGED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True, slots=True)

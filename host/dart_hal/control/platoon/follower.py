@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from enum import Enum
 from math import inf
 
 from dart_hal.control.platoon.detector import AttackDetector
@@ -27,6 +26,7 @@ from dart_hal.control.platoon.hearing import (
 )
 from dart_hal.control.platoon.laws import acc, clip, limit_feed_forward
 from dart_hal.control.platoon.safe import PendingCommands, SafetyMargins, safe_acceleration
+from dart_hal.core.types import TextEnum
 
 # Longest time without a gap [s], four scans.
 MAX_GAP_AGE = 0.5
@@ -43,16 +43,13 @@ DRIFT_GAIN = 0.1
 MAX_DRIFT = 0.04
 
 
-class PlatoonMode(str, Enum):
+class PlatoonMode(TextEnum):
     """How it follows; LEAD: it is the first car."""
 
     LEAD = "LEAD"
     CACC = "CACC"
     ACC = "ACC"
     STOP = "STOP"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True, slots=True)

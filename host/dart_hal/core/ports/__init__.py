@@ -5,10 +5,10 @@ higher layers.
 """
 
 from dart_hal.core.ports.bus import Bus
-from dart_hal.core.ports.images import ImageSource
+from dart_hal.core.ports.devices import DeviceSource, ImageSource, ScanSource
 from dart_hal.core.ports.link import Chunk, Clock, Link
 from dart_hal.core.ports.poses import PoseSource
-from dart_hal.core.ports.scans import ScanSource
 from dart_hal.core.ports.workshop import Workshop
 
-__all__ = ["Bus", "Chunk", "Clock", "ImageSource", "Link", "PoseSource", "ScanSource", "Workshop"]
+__all__ = ["Bus", "Chunk", "Clock", "DeviceSource", "ImageSource", "Link", "PoseSource",
+           "ScanSource", "Workshop"]

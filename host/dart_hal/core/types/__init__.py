@@ -25,7 +25,14 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-class Limit(str, Enum):
+class TextEnum(str, Enum):
+    """Values that are texts, and print as such."""
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+
+class Limit(TextEnum):
     """Why the pins do not output the requested command.
 
     VALIDITY: the command is valid for less than its ``valid_for``: 0.5 s, or 0.2 s if raw.
@@ -47,11 +54,8 @@ class Limit(str, Enum):
     VALIDITY = "VALIDITY"
     PULSES_OFF = "PULSES_OFF"
 
-    def __str__(self) -> str:
-        return self.value
 
-
-class Doubt(str, Enum):
+class Doubt(TextEnum):
     """Detected fault of a value of the State; the prefix is the sensor.
 
     ENCODER_DEAD: no edges although the wheels must turn. ENCODER_LOW: too few edges. In both
@@ -78,9 +82,6 @@ class Doubt(str, Enum):
     CAR_SLIDES = "CAR_SLIDES"
     DIRECTION_UNSURE = "DIRECTION_UNSURE"
     SAMPLES_JUMPED = "SAMPLES_JUMPED"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 # Doubts with which no feedback loop may use the speed.
@@ -178,7 +179,7 @@ class ExternalPose:
         object.__setattr__(self, "yaw", round(self.yaw - tau * round(self.yaw / tau), 9))
 
 
-class Tracking(str, Enum):
+class Tracking(TextEnum):
     """State of the localisation by external poses.
 
     TRACKING: poses arrive and are accepted. DEAD_RECKONING: no recent pose; the last one is
@@ -190,9 +191,6 @@ class Tracking(str, Enum):
     DEAD_RECKONING = "DEAD_RECKONING"
     JUMPED = "JUMPED"
     LOST = "LOST"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 # s: longest prediction of a motion, longer than any delay that a controller compensates.

@@ -11,10 +11,11 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
 
 from dart_hal.core.errors import DartHalError
-from dart_hal.core.ports import Chunk, ImageSource, Link, PoseSource, ScanSource
-from dart_hal.core.types import ExternalPose, Image, Scan
+from dart_hal.core.ports import Chunk, DeviceSource, Link, PoseSource
+from dart_hal.core.types import ExternalPose
 from dart_hal.devices.links.busio import TransferBus
 
 # s between two reads of a line without bytes: one step of the world.
@@ -26,6 +27,8 @@ QUIET_TIME = 0.008
 MAX_WORLD_LAG = 0.25
 
 log = logging.getLogger("dart_hal")
+
+T = TypeVar("T")
 
 
 class PacedLink(Link):
@@ -117,10 +120,10 @@ class PacedPoses:
         self._source.close()
 
 
-class PacedImages:
-    """A camera in a paced world."""
+class PacedDevice(Generic[T]):
+    """A camera or a lidar in a paced world."""
 
-    def __init__(self, source: ImageSource, link: PacedLink) -> None:
+    def __init__(self, source: DeviceSource[T], link: PacedLink) -> None:
         self.name = source.name
         self._source = source
         self._link = link
@@ -129,27 +132,7 @@ class PacedImages:
     def trouble(self) -> DartHalError | None:
         return self._source.trouble
 
-    def poll(self, now: float) -> Sequence[Image]:
-        with self._link.lock:
-            return self._source.poll(now)
-
-    def close(self) -> None:
-        self._source.close()
-
-
-class PacedScans:
-    """A lidar in a paced world."""
-
-    def __init__(self, source: ScanSource, link: PacedLink) -> None:
-        self.name = source.name
-        self._source = source
-        self._link = link
-
-    @property
-    def trouble(self) -> DartHalError | None:
-        return self._source.trouble
-
-    def poll(self, now: float) -> Sequence[Scan]:
+    def poll(self, now: float) -> Sequence[T]:
         with self._link.lock:
             return self._source.poll(now)
 

@@ -15,12 +15,11 @@ Other beams end before that wall or pass through it:
 from __future__ import annotations
 
 from collections import deque
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.core.types import BoolArray, FloatArray, TextEnum
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.rays import fastest_cast
 
@@ -60,7 +59,7 @@ MIN_BAD_SCANS = 3
 MAX_BAD_SCANS = 20
 
 
-class Status(str, Enum):
+class Status(TextEnum):
     """State of the localiser.
 
     TRACKING; MAP_STALE: tracking, but the room has changed since the map was made; LOST: no pose
@@ -71,9 +70,6 @@ class Status(str, Enum):
     MAP_STALE = "MAP_STALE"
     LOST = "LOST"
     AMBIGUOUS = "AMBIGUOUS"
-
-    def __str__(self) -> str:
-        return self.value
 
     @property
     def located(self) -> bool:
