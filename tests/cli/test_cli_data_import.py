@@ -47,6 +47,17 @@ def test_a_contradiction_is_refused_and_nothing_is_written(verb, log):
     assert "turns to the other side" in refused.err
 
 
+def test_a_damaged_log_leaves_nothing_behind(verb, log):
+    text = (log / "log.csv").read_text().splitlines()
+    text[9] = text[9].replace(text[9].split(",")[3], "n/a", 1)
+    (log / "log.csv").write_text("\n".join(text))
+    for words in (("--out", log / "run.mcap"), ("--out", log / "run.mcap", "--unchecked")):
+        ran = verb("data", "import", log / "log.csv", "--map", log / "map.toml", *words)
+        assert ran.code == 2
+        assert "line 10, column 'yaw' is not a number" in ran.err
+        assert sorted(p.name for p in log.iterdir()) == ["log.csv", "map.toml"]
+
+
 def test_a_proposed_map_imports_the_log(verb, log):
     ran = verb("data", "import", log / "log.csv", "--guess", "--out", log / "guess.toml")
     assert ran.code == 0

@@ -50,6 +50,7 @@ def test_a_right_log_has_no_contradiction(seed):
     (lambda c: {"yaw_rate": np.rad2deg(c["yaw_rate"])}, "gyro", 'needs unit = "deg/s"'),
     (lambda c: {"speed": 3.6 * c["speed"]}, "encoder", 'needs unit = "km/h"'),
     (lambda c: {"speed": 1.7 * c["speed"]}, "encoder", "needs scale = 0.58"),
+    (lambda c: {"yaw_rate": np.repeat(c["yaw_rate"][::5], 5)}, "gyro", "changes ="),
     (lambda c: {"accel_y": -c["accel_y"]}, "accelerometer", "y of [accelerometer] needs sign"),
     (lambda c: {"accel_y": c["accel_y"] / 9.80665}, "accelerometer", 'needs unit = "g"'),
     (lambda c: {"accel_x": c["accel_y"], "accel_y": -c["accel_x"]}, "accelerometer",
@@ -108,6 +109,16 @@ def test_a_guess_turns_an_accelerometer_that_is_mounted_across(log):
     data = convert_tables([Table("log", columns)], guess.map)
     expected = np.stack([log["accel_x"], log["accel_y"]], axis=1)
     assert data.streams["accelerometer"].values == pytest.approx(expected)
+
+
+def test_poses_in_millimetres_are_no_wrong_encoder(log):
+    (first, *_) = [f for f in find({**log, "x": 1e3 * log["x"], "y": 1e3 * log["y"]}) if f.severe]
+    assert 'x and y of [poses] need unit = "mm"' in first.remedy
+
+
+def test_a_gap_is_no_contradiction(log):
+    cut = {name: np.delete(values, slice(1500, 2500)) for name, values in log.items()}
+    assert not [str(f) for f in find(cut) if f.remedy]
 
 
 SPEED = without_sensors().replace('value = "throttle"', 'value = "throttle"\nkind = "speed"')

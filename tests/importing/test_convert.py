@@ -124,11 +124,21 @@ def test_commands_of_two_topics_are_merged(log):
     (lambda c: {**c, "x": np.where(np.arange(len(c["x"])) % 5, c["x"], np.nan)},
      "empty or non-finite", "changes"),
     (lambda c: {k: v[:10] for k, v in c.items()}, "too few rows", "time"),
+    (lambda c: {k: v[:60] for k, v in c.items()}, "too short", "longer log"),
+    (lambda c: {**c, "t": 1e3 * c["t"]}, "10 s apart", 'unit = "ms"'),
+    (lambda c: {**c, "t": 1e9 * c["t"]}, r"1e\+07 s apart", 'unit = "ns"'),
     (lambda c: {**c, "t": np.zeros(len(c["t"]))}, "too few rows", "time")])
 def test_what_does_not_fit_is_refused_with_a_remedy(log, change, what, remedy):
     with pytest.raises(RecordingError, match=what) as error:
         convert(change(log))
     assert remedy in error.value.remedy
+
+
+def test_empty_cells_name_their_column(log):
+    with pytest.raises(RecordingError, match="empty or non-finite") as error:
+        convert({**log, "yaw": np.full(len(log["t"]), np.nan)})
+    assert f"{len(log['t'])} in 'yaw'" in error.value.found
+    assert "'x'" not in error.value.found
 
 
 def test_text_in_a_number_names_line_and_column(log, tmp_path):

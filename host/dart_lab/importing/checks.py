@@ -18,6 +18,10 @@ from dart_hal.recording.imported import ImportedData, Stream
 # s: grid of the comparison, and width of the means that precede a derivative.
 GRID_STEP = 0.02
 SMOOTHING_TIME = 0.2
+# s without a sample from which on a stream has a gap.
+MAX_GAP = 0.5
+# Share of rows that repeat the value of the row before, from which on a noisy sensor is repeated.
+MAX_REPEATED_SHARE = 0.5
 # Samples of steady driving without which no scale of a commanded speed is stated: 1 s.
 MIN_STEADY_SAMPLES = 50
 # Shares of the 90 % quantile of a speed or yaw rate above which the car drives, or turns.
@@ -34,6 +38,7 @@ UNIT_RATIOS = {
     "yaw": {57.29578: "deg"},
     "yaw_rate": {57.29578: "deg/s", 9.549297: "rpm"},
     "speed": {3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"},
+    "pose_speed": {100.0: "cm", 1000.0: "mm"},
     "accel_y": {0.1019716: "g", 101.9716: "mg"},
 }
 UNIT_TOLERANCE = 1.2
@@ -121,6 +126,7 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
         findings += _check_axes(lateral) or _compare(lateral, "accelerometer", "accel_y", "lateral",
                                                      "yaw rate times speed", key="y")
     findings += _check_commands(g, rate, speed)
+    findings += _find_repeated_rows(data)
     if data.drive == "speed":
         findings += _check_speed_command(g)
     return findings
@@ -146,7 +152,19 @@ def resample(data: ImportedData) -> GridData:
     values["steering"], values["throttle"] = commands.values[row].T
     if "poses" in streams:
         values |= _differentiate_poses(t, streams["poses"])
-    return GridData(t, values)
+    # A derivative across a gap is none.
+    measured = np.logical_and.reduce([_is_covered(t, s.t) for name, s in streams.items()
+                                      if name != "commands"])
+    return GridData(t[measured], {name: column[measured] for name, column in values.items()})
+
+
+def _is_covered(t: FloatArray, stamps: FloatArray) -> BoolArray:
+    """Return which times (n,) are further than SMOOTHING_TIME from a gap of a stream."""
+    gaps = np.nonzero(np.diff(stamps) > MAX_GAP)[0]
+    covered = np.ones(len(t), dtype=np.bool_)
+    for k in gaps:
+        covered &= (t < stamps[k] - SMOOTHING_TIME) | (t > stamps[k + 1] + SMOOTHING_TIME)
+    return covered
 
 
 def _differentiate_poses(t: FloatArray, poses: Stream) -> dict[str, FloatArray]:
@@ -251,6 +269,12 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
     ratio = _slope(moved, expected)
     findings = []
     unit = _find_unit(name, ratio)
+    pose_unit = ""
+    if name == "speed" and ratio:
+        pose_unit = _find_unit("pose_speed", 1.0 / ratio)
+    if pose_unit:
+        return [ImportFinding(table, f"{key} is {ratio:.4g} times {words}",
+                              f'x and y of [poses] need unit = "{pose_unit}"', severe=True)]
     if unit:
         findings.append(ImportFinding(table, f"{key} is {ratio:.4g} times {words}",
                                 f'{key} of [{table}] needs unit = "{unit}"', severe=True,
@@ -265,6 +289,21 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
                                 f"[{table}] needs delay = {offset:.2f}, if it is the clock"))
     return findings or [ImportFinding(table, f"{key} is {ratio:.2f} times {words}, "
                                 f"{1e3 * offset:+.0f} ms later (correlation {found:.2f})")]
+
+
+def _find_repeated_rows(data: ImportedData) -> list[ImportFinding]:
+    """Find logs that repeat a message: the noise of gyro and accelerometer never repeats."""
+    findings = []
+    for name in ("gyro", "accelerometer"):
+        if name not in data.streams or not np.any(data.streams[name].values):
+            continue
+        share = float(np.all(np.diff(data.streams[name].values, axis=0) == 0.0, axis=1).mean())
+        if share > MAX_REPEATED_SHARE:
+            findings.append(ImportFinding(
+                name, f"{share:.0%} of the rows repeat the row before",
+                f'write changes = "..." into [{name}], a column that changes with each message of '
+                "it; so for the encoder"))
+    return findings
 
 
 def _check_axes(g: GridData) -> list[ImportFinding]:

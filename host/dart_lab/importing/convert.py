@@ -19,6 +19,9 @@ from .tables import Table, quote_names
 MAX_BAD_SHARE = 0.05
 # s: rows that are out of order by less are sorted; a larger step back is another run.
 MAX_DISORDER = 0.1
+# s between two rows, in the median: slower sensors determine nothing, faster ones are in no car.
+MIN_PERIOD = 5e-5
+MAX_PERIOD = 1.0
 # Rows of a stream below which nothing can be done with it.
 MIN_ROWS = 30
 # Commands beyond -1..1, by rounding.
@@ -181,9 +184,14 @@ def _read_stream(table: Table, mapping: ImportMap, name: str, stream: StreamColu
     good = np.isfinite(t) & np.isfinite(rows).all(axis=1)
     bad = int((~good).sum())
     if bad > MAX_BAD_SHARE * len(t):
+        cells = {column_of(time).column: int((~np.isfinite(t)).sum())} | {
+            column_of(c).column: int((~np.isfinite(values)).sum())
+            for c, values in zip(columns.values(), rows.T, strict=True)}
         raise RecordingError(
             f"[{name}]: {bad} of {len(t)} rows have an empty or non-finite cell",
-            found=table.name, expected=f"at most {MAX_BAD_SHARE:.0%}", read=table.source[0],
+            found=f"{table.name}: " + ", ".join(f"{count} in {column!r}"
+                                                for column, count in cells.items() if count),
+            expected=f"at most {MAX_BAD_SHARE:.0%}", read=table.source[0],
             likely="a column that is filled in some rows only",
             remedy=f'write changes = "..." into [{name}], or export each source by itself')
     if bad:
@@ -213,7 +221,22 @@ def _order(t: FloatArray, rows: FloatArray, name: str, table: Table, changes: li
                              expected=f"at least {MIN_ROWS}", likely="a map for another file, or a "
                              "time column that does not advance",
                              remedy=f"check time and changes of [{name}] in the map")
-    return Stream(t[fresh], rows[fresh])
+    made = Stream(t[fresh], rows[fresh])
+    _check_time_unit(made.period, name, table)
+    return made
+
+
+def _check_time_unit(period: float, name: str, table: Table) -> None:
+    """Refuse rows at a rate that no log has. Commands may be rare: they are held."""
+    if period < MIN_PERIOD or (period > MAX_PERIOD and name not in ("steering", "throttle")):
+        unit = next((unit for unit in ("ms", "us", "ns")
+                     if MIN_PERIOD <= UNITS[unit] * period <= MAX_PERIOD), "s")
+        raise RecordingError(
+            f"[{name}]: the rows are {period:.3g} s apart", read=table.source[0],
+            found=f"{1.0 / period:.3g} rows a second in {table.name}",
+            expected=f"{1.0 / MAX_PERIOD:g} to {1.0 / MIN_PERIOD:g}", likely="another unit of time",
+            remedy=f'write time = {{column = "...", unit = "{unit}"}} into the map, or into '
+                   f"[{name}]")
 
 
 def _read_column(table: Table, column: Column, name: str, key: str) -> FloatArray:
@@ -237,6 +260,12 @@ def _read_column(table: Table, column: Column, name: str, key: str) -> FloatArra
 def _check_overlap(streams: Mapping[str, Stream]) -> None:
     start = max(float(s.t[0]) for s in streams.values())
     end = min(float(s.t[-1]) for s in streams.values())
+    longest = max(float(s.t[-1] - s.t[0]) for s in streams.values())
+    if longest < 1.0:
+        raise RecordingError("the log is too short", found=f"{longest:.2f} s",
+                             expected="at least 1 s, for a fit a minute",
+                             likely="a cut log, or another unit of time",
+                             remedy="import a longer log, or state the unit of time in the map")
     if end - start < 1.0:
         raise _disjoint(streams)
 
