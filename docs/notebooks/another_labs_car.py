@@ -2,7 +2,7 @@
 # # Another lab's car: from its log to a named fault
 #
 # For an engineer with **a car and logs of their own**. The log here is a CSV file of a 1:10 car that this project never drove: motion capture and commands, 142 s
-# (data set *zheng2022*, Apache 2.0, `docs/notebooks/data`). The page [your own recordings](../how_to/own_recordings.md) explains each step.
+# (data set *zheng2022*, Apache 2.0, `docs/notebooks/data`). A car with a speed loop follows. The page [your own recordings](../how_to/own_recordings.md) explains each step.
 #
 # The text of this notebook is `docs/notebooks/another_labs_car.py`. The log is cut in two: the first 60 % trains, the rest tests.
 
@@ -112,3 +112,43 @@ for claim in found["parameters"]:
         print(f"{claim['title']}: {name} {q['before']:.0f} -> {q['after']:.0f} +- {q['std']:.0f} {q['unit']}")
 for cause in found["causes"]:
     print("cause:", cause["effect"])
+
+# %% [markdown]
+# ## A second car, with a speed loop
+#
+# An F1TENTH car of the University of Pennsylvania (2022, MIT licence, `docs/notebooks/data/LICENSE_f1tenth`), with encoder and IMU. Its column `throttle` is a commanded speed in an unknown
+# unit, and its slow drive `ds3` had a speed limit. The checks of the import state both, and that the accelerometer is mounted across.
+
+# %%
+for name in ("ds3", "ds4"):
+    Path(f"{name}.csv").write_bytes(gzip.decompress(LOG.with_name(f"f1tenth_{name}.csv.gz").read_bytes()))
+
+# %% language="sh"
+# dart-hal data import ds4.csv --guess --out any.toml 2>/dev/null | grep accelerometer
+# sed 's/kind = "duty"/kind = "speed"/' any.toml > unscaled.toml
+# for name in ds4 ds3; do
+#     NO_COLOR=1 dart-hal data import $name.csv --map unscaled.toml --out $name.mcap 2>/dev/null | grep "^throttle: .*scale"
+# done
+
+# %% [markdown]
+# With scale and limit in the maps, the study fits the slow drive and tests on the fast one.
+
+# %% language="sh"
+# sed 's/value = "throttle"/value = {column = "throttle", scale = 5.3}/' unscaled.toml > ds4.toml
+# sed 's/kind = "speed"/&\nlimit = 1.3/' ds4.toml > ds3.toml
+# dart-hal car new penn --wheelbase 0.32+-0.002 --mass 3.33+-0.05 --l-f 0.208+-0.01 --max-steering 0.45+-0.05 --cars cars >/dev/null 2>&1
+# for name in ds3 ds4; do
+#     dart-hal data import $name.csv --map $name.toml --car penn --cars cars --out f1tenth_$name.mcap >/dev/null 2>&1
+# done
+# dart-hal study f1tenth_ds3.mcap f1tenth_ds4.mcap --car penn --cars cars --json > study.json 2>/dev/null
+
+# %%
+stages = json.loads(Path("study.json").read_text())["stages"]
+pooled = stages["validation"]["facts"]["pooled"]
+print("rms error 1 s ahead on the fast drive")
+print(" " * 26 + "".join(f"{name:>19}" for name in pooled))
+for key, label in labels.items():
+    print(f"{label:26}" + "".join(f"{e[key]:19.2f}" for e in pooled.values()))
+print()
+print(stages["diagnosis"]["verdict"])
+print("\n".join(stages["diagnosis"]["lines"][:4]))
