@@ -53,6 +53,7 @@ class ArenaCar:
 
     def trail(self, t: float, x: float, y: float, yaw: float) -> None:
         """Record the rear axle at t [s], in the frame of the car's start."""
+        # Rotate by the yaw of the start, then shift to it: from the frame of the start to the room.
         c, s = self._turn
         x0, y0, yaw0 = self.start
         self._poses.append((t, (x0 + c * x - s * y, y0 + s * x + c * y, yaw0 + yaw)))
@@ -86,6 +87,8 @@ class ArenaCar:
         outlines = []
         for place in self.arena.places:
             if place is not self:
+                # Beyond the range of the lidar a body has no echo, and costs a ray test for each
+                # beam.
                 x, y, yaw = place.body_centre(t)
                 if hypot(x - here[0], y - here[1]) < LIDAR_RANGE:
                     outlines.append(box(x, y, yaw, CAR_OUTLINE.length, CAR_OUTLINE.width))

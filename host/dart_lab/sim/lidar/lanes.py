@@ -33,6 +33,7 @@ def lane_boards(path: Path) -> tuple[FloatArray, FloatArray]:
     end = path.interpolate(path.length)
     middle = np.vstack((np.column_stack((path.x, path.y))[::5], end[:2]))
     heading = np.append(path.heading[::5], end.heading)
+    # Unit vector to the left of the path; both boards are parallel curves of its middle.
     normal = np.column_stack((-np.sin(heading), np.cos(heading)))
     return middle + LANE_HALF_WIDTH * normal, middle - LANE_HALF_WIDTH * normal
 
@@ -40,6 +41,7 @@ def lane_boards(path: Path) -> tuple[FloatArray, FloatArray]:
 def draw_start(path: Path, rng: np.random.Generator) -> tuple[float, float, float]:
     """Draw x, y [m], yaw [rad] of the rear axle near the middle line."""
     start = path.interpolate(START_DISTANCE)
+    # Offset along the normal of the path, positive to the left, and a heading error.
     side = float(rng.uniform(-MAX_START_OFFSET, MAX_START_OFFSET))
     return (start.x - side * sin(start.heading), start.y + side * cos(start.heading),
             start.heading + float(rng.uniform(-MAX_START_ANGLE, MAX_START_ANGLE)))
