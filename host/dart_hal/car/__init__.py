@@ -1,9 +1,6 @@
 """The facade: ``Car``, ``Fleet`` and ``join``, all that a controller needs."""
 
-from dart_hal.car.car import Car
-from dart_hal.car.fleet import Fleet
-from dart_hal.car.identity import Hello
-from dart_hal.car.member import Member, join
-from dart_hal.car.timing import Timing
+from dart_hal.core.lazy import read_public_names
 
-__all__ = ["Car", "Fleet", "Hello", "Member", "Timing", "join"]
+# The names are in __init__.pyi: one car needs no fleet.
+__getattr__, __dir__, __all__ = read_public_names(__name__, __file__)

@@ -7,14 +7,15 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.ports import ImageSource
 from dart_hal.core.types import Image, State
-from dart_hal.devices.camera import open_camera
-from dart_hal.devices.camera.health import CameraHealth, CameraHealthMonitor
 from dart_hal.devices.links.base import Backend
+
+if TYPE_CHECKING:
+    from dart_hal.devices.camera.health import CameraHealth
 
 # Images that wait for ``images``, about 1 s; beyond, the oldest are dropped.
 MAX_QUEUED_IMAGES = 16
@@ -29,6 +30,9 @@ class CarCamera:
 
     def __init__(self, source: ImageSource,
                  lock: Callable[[], AbstractContextManager[Any]]) -> None:
+        # Imported here: a car without a camera needs no camera code.
+        from dart_hal.devices.camera.health import CameraHealthMonitor
+
         self.record: Callable[[Image], None] = lambda image: None
         self._source = source
         self._lock = lock
@@ -98,4 +102,6 @@ def open_named_camera(backend: Backend, name: str) -> ImageSource:
                          "computes, a camera does not", found=name,
                          expected=", ".join(backend.cameras) or "a car in real time",
                          remedy="sim://?pace=1 for a real camera with an emulated car")
+    from dart_hal.devices.camera import open_camera
+
     return open_camera(name)

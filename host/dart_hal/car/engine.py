@@ -9,7 +9,7 @@ every second STATE. Its pulses are written when ``drive()`` answers that STATE, 
 from __future__ import annotations
 
 import contextlib
-import secrets
+import os
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -55,7 +55,7 @@ class Engine:
         self.hooks = Hooks()
         byte_time = BITS_PER_BYTE / (backend.link.baud or DEFAULT_BAUD)
         host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual
-                   else secrets.randbits(16))
+                   else int.from_bytes(os.urandom(2), "little"))
         self.telemetry = Telemetry(files, byte_time)
         self.transmitter = Transmitter(backend.link, self.hooks, host_id, byte_time)
         self.receiver = Receiver(self.telemetry, self.transmitter)

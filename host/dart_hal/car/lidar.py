@@ -14,11 +14,10 @@ from dart_hal.core.config.calibration import LidarCalibration
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import ScanSource
 from dart_hal.core.types import Mount, Scan, State
-from dart_hal.devices.lidar import open_lidar
-from dart_hal.devices.lidar.health import LidarHealth, LidarHealthMonitor
 from dart_hal.devices.links.base import Backend
 
 if TYPE_CHECKING:
+    from dart_hal.devices.lidar.health import LidarHealth
     from dart_hal.estimation.localisation.source import LidarPoses
 
 # Scans that wait for ``scans``, 8 s; beyond, the oldest are dropped.
@@ -37,6 +36,9 @@ class CarLidar:
 
     def __init__(self, source: ScanSource, mount: Mount,
                  lock: Callable[[], AbstractContextManager[Any]]) -> None:
+        # Imported here: a car without a lidar needs no lidar code.
+        from dart_hal.devices.lidar.health import LidarHealthMonitor
+
         self.record: Callable[[Scan], None] = lambda scan: None
         self.localiser: LidarPoses | None = None
         self._source = source
@@ -117,6 +119,12 @@ def attach_lidar(backend: Backend, lidar: str | ScanSource | None) -> None:
     if lidar is None and backend.lidar is None and backend.bus is not None:
         lidar = os.environ.get("DART_HAL_LIDAR") or None
     if lidar is not None:
-        backend.lidar = open_lidar(lidar) if isinstance(lidar, str) else lidar
+        backend.lidar = _open_named_lidar(lidar) if isinstance(lidar, str) else lidar
     if backend.lidar is not None:
         backend.closers += (backend.lidar.close,)
+
+
+def _open_named_lidar(text: str) -> ScanSource:
+    from dart_hal.devices.lidar import open_lidar
+
+    return open_lidar(text)

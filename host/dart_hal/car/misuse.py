@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
 from typing import NoReturn
@@ -69,6 +68,8 @@ def check_note(name: str, values: Mapping[str, str]) -> None:
 def check_message(name: str, known: Iterable[str]) -> None:
     """Raise UsageError for a message that the protocol does not have."""
     if name not in known:
+        from difflib import get_close_matches
+
         near = get_close_matches(str(name), list(known), n=1)
         raise UsageError(f"the protocol has no message {name!r}", found=repr(name),
                          expected=", ".join(known),

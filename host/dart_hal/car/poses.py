@@ -14,8 +14,6 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.types import ExternalPose, State
 from dart_hal.devices.links.base import Backend
-from dart_hal.devices.poses import open_poses
-from dart_hal.devices.poses.clock_steps import ClockStepFilter
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import MarkerModel
 from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator
@@ -28,6 +26,9 @@ class PoseFeed:
     """Source of poses of one open car. ``record`` is called with each pose."""
 
     def __init__(self, source: PoseSource, room: ExternalPoseEstimator) -> None:
+        # Imported here: a car without poses needs no code of their sources.
+        from dart_hal.devices.poses.clock_steps import ClockStepFilter
+
         self.source = source
         self.record: Callable[[ExternalPose], None] = lambda pose: None
         self._room = room
@@ -110,6 +111,8 @@ def attach_poses(backend: Backend, poses: str | PoseSource | None) -> None:
 
 def _open_source(text: str) -> PoseSource:
     if not text.startswith("lidar:"):
+        from dart_hal.devices.poses import open_poses
+
         return open_poses(text)
     from dart_hal.estimation.localisation.source import open_source
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from math import inf, nan, tan
-from statistics import median_low
 
 from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.config import CarFiles, Quantity
@@ -117,7 +116,7 @@ class Telemetry:
         """
         if longest > 0.0:
             self._slots.append(longest)
-            self._read_delay = gyro_read_delay(median_low(self._slots))[0]
+            self._read_delay = gyro_read_delay(sorted(self._slots)[(len(self._slots) - 1) // 2])[0]
 
     def restart(self) -> None:
         """Restart at the next frame after a boot of the Nano."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from html import escape
 
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return an HTML table of plain text; colours are those of the notebook."""
+    from html import escape
+
     body = "".join(f"<tr><th style='text-align:left'>{escape(name)}</th>"
                    f"<td style='text-align:left'>{escape(value)}</td></tr>"
                    for name, value in rows)

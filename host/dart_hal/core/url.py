@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from urllib.parse import parse_qsl
 
 from dart_hal.core.errors import UnknownScheme, UsageError
@@ -47,6 +46,8 @@ class Url:
         """
         unknown = sorted(set(self.options) - {*names, *old})
         if unknown:
+            from difflib import get_close_matches
+
             near = get_close_matches(unknown[0], names, n=1)
             raise UsageError(f"{self.scheme}:// has no option {', '.join(unknown)}",
                              found=self.text, expected=", ".join(names) or "no options",

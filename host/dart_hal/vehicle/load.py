@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from pathlib import Path
 
 from dart_hal.core.config import ModelFile, load_model
@@ -30,6 +29,8 @@ def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
         return model_of(p), p
     path = Path(name)
     if not path.is_file():
+        from difflib import get_close_matches
+
         close = get_close_matches(str(name), SETS, n=1)
         raise UsageError(f"no model is called {str(name)!r}",
                          found="no such file, and no shipped set of that name",

@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 import msgspec
@@ -141,6 +140,8 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
         config = read_config(PACKAGED_EXAMPLE)
         return _with_measurements(config, home, str(PACKAGED_EXAMPLE), name)
     searched = ", ".join(str(folder.parent) for folder in folders)
+    from difflib import get_close_matches
+
     close = get_close_matches(name, _list_existing_cars(cars_dirs), n=1)
     example = (PACKAGED_EXAMPLE if PACKAGED_EXAMPLE.is_file()
                else Path("cars") / EXAMPLE_CAR / "car.toml")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -126,6 +125,8 @@ def _refuse_unknown_children(value: Any, hint: Any, origin: str, path: str) -> N
 def unknown_key_error(key: str, known: Iterable[str], origin: str, path: str) -> ConfigError:
     """Return the error for an unknown key, with the most similar known key as remedy."""
     names = sorted(known)
+    import difflib
+
     near = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
     remedy = f"write {near[0]} for {key}" if near else f"remove {key}"
     key = shorten(key)
@@ -185,6 +186,8 @@ def explain_validation_error(message: str, data: Mapping[str, Any], origin: str,
         return missing_std(origin, path, value)
     # 2. A wrong type or value: suggest the most similar permitted value.
     fixed = list_choices(cls, path)
+    import difflib
+
     near = difflib.get_close_matches(shorten(value), fixed, n=1, cutoff=0.5)
     expected = "one of " + ", ".join(fixed) if fixed else describe_expected(what)
     why = "" if expected else f": {what}"

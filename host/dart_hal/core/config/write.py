@@ -14,17 +14,19 @@ from datetime import date, datetime, time
 from errno import ENOTDIR
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AbstractTable, InlineTable, Item
 
 from dart_hal.core.errors import FileTrouble
 from dart_hal.core.text_file import read_text
 
-Document = tomlkit.TOMLDocument | AbstractTable | InlineTable
+# tomlkit is imported by what writes a file: a program that drives writes none.
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+    from tomlkit.items import AbstractTable, InlineTable
+
+    Document = TOMLDocument | AbstractTable | InlineTable
 Plain = Mapping[str, Any]
 
 
@@ -44,6 +46,8 @@ def _drop_unknown(data: Any) -> Any:
 
 def dump(thing: msgspec.Struct) -> str:
     """Return the TOML text of a car, calibration or model."""
+    import tomlkit
+
     return _render_merged(tomlkit.document(), to_tables(thing), {})
 
 
@@ -52,6 +56,9 @@ def merge(text: str, thing: msgspec.Struct) -> str:
 
     A key that is absent from the text and has its default value is not added.
     """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
     try:
         previous = to_tables(msgspec.toml.decode(text, type=type(thing)))
         document = tomlkit.parse(text)
@@ -116,7 +123,9 @@ def version_number(path: Path) -> int:
     return int(tail) if tail.isdigit() else 0
 
 
-def _render_merged(document: tomlkit.TOMLDocument, data: Plain, previous: Plain) -> str:
+def _render_merged(document: TOMLDocument, data: Plain, previous: Plain) -> str:
+    import tomlkit
+
     _merge_into(document, data, previous, depth=0)
     return tomlkit.dumps(document)
 
@@ -138,11 +147,15 @@ def _merge_into(table: Document, data: Plain, previous: Plain, depth: int) -> No
 
 
 def _unwrap(item: Any) -> Any:
+    from tomlkit.items import Item
+
     return item.unwrap() if isinstance(item, Item) else item
 
 
 def _item(value: Any, depth: int) -> Any:
     """Convert a value: a top table has a header, a table inside it one line, effects [[...]]."""
+    import tomlkit
+
     if isinstance(value, Mapping) and depth == 0:
         table = tomlkit.table()
         for key, inner in value.items():
