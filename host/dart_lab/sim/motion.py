@@ -81,6 +81,7 @@ class BicycleMotion:
     """State at rest, with the rear axle at the origin; base class of both bicycles."""
 
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
+        # The centre of mass is l_r ahead of the rear axle, which is at the origin.
         self.x = vehicle.body.l_r
         self.y = 0.0
         self.eta = 0.0
@@ -125,6 +126,7 @@ class DynamicMotion(BicycleMotion):
         self.x, self.y, self.eta, vx, vy, om = self._advance(
             self.x, self.y, self.eta, self.v_x, self.v_y, self.omega, drive.k0, drive.k1, brake,
             self._cos, self._sin)
+        # The velocities before the tick are still set, so that their means can be taken.
         return self._set_velocities(vx, vy, om)
 
 
@@ -139,6 +141,7 @@ class KinematicMotion(BicycleMotion):
 
     def step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
         drive = self.drive
+        # The yaw rate needs no integration: it follows speed and road-wheel angle.
         tan = math.tan(angle)
         drive.set_throttle(throttle)
         self.x, self.y, self.eta, vx = self._advance(

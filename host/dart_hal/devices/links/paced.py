@@ -28,7 +28,7 @@ MAX_WORLD_LAG = 0.25
 
 log = logging.getLogger("dart_hal")
 
-T = TypeVar("T")
+Item = TypeVar("Item")
 
 
 class PacedLink(Link):
@@ -120,10 +120,10 @@ class PacedPoses:
         self._source.close()
 
 
-class PacedDevice(Generic[T]):
+class PacedDevice(Generic[Item]):
     """A camera or a lidar in a paced world."""
 
-    def __init__(self, source: DeviceSource[T], link: PacedLink) -> None:
+    def __init__(self, source: DeviceSource[Item], link: PacedLink) -> None:
         self.name = source.name
         self._source = source
         self._link = link
@@ -132,7 +132,7 @@ class PacedDevice(Generic[T]):
     def trouble(self) -> DartHalError | None:
         return self._source.trouble
 
-    def poll(self, now: float) -> Sequence[T]:
+    def poll(self, now: float) -> Sequence[Item]:
         with self._link.lock:
             return self._source.poll(now)
 
