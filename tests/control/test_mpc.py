@@ -238,6 +238,29 @@ def test_a_side_is_kept_for_an_encounter_and_forgotten_with_its_obstacle():
     assert not corridor._sides
 
 
+@pytest.mark.parametrize("others", [(), (Obstacle(2.3, 0.4, 0.15, 1.0),)])
+def test_side_of_a_moving_car_is_kept_although_its_offset_is_noisy(others):
+    """A car in the middle of the lane that is seen anew at 10 Hz, within 1 cm."""
+    corridor = Corridor(0.5, length=8.0)
+    sides = []
+    for k in range(8):
+        t = 0.1 * k
+        seen = Obstacle((1.9 + t) % 8.0, 0.01 * (-1)**k, 0.15, 1.0, t)
+        corridor.obstacles = (*(replace(o, s=o.s + t, t=t) for o in others), seen)
+        corridor.bounds(np.array([0.0]), np.array([t]))
+        sides.append(corridor._sides[seen])
+    assert sides == [-1.0] * 8
+
+
+def test_a_car_that_comes_over_is_passed_on_the_other_side():
+    corridor = Corridor(0.5)
+    for offset, side in ((-0.1, 1.0), (0.04, 1.0), (0.1, -1.0)):
+        o = Obstacle(2.0, offset, 0.15)
+        corridor.obstacles = (o,)
+        corridor.bounds(np.array([0.0]), np.zeros(1))
+        assert corridor._sides == {o: side}
+
+
 def test_what_it_expects_and_its_covariance():
     """The plan's own states are what comes; the covariance grows along the path."""
     loop = Loop(controller(P, TRACK, 1.5))

@@ -3,13 +3,15 @@
     e_c >= e_o + R - RAMP max(|s - s_o| - L, 0)      passed on its left; mirrored on its right
 
 The corridor narrows along a ramp, because a bound that appears suddenly makes the plan jump. The
-side is chosen once for an encounter: the one with more space.
+side is the one with more space. It is kept for an encounter, unless a moving obstacle comes over
+to it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, hypot, inf, sin
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,12 @@ LATERAL_MARGIN = 0.12
 PLATEAU_LENGTH = 0.05
 # Distance at which a side is chosen [m]: 1.5 s at 2 m/s.
 SIDE_CHOICE_DISTANCE = 3.0
+# Distance [m] from the expected place within which it is the same obstacle: a body length. The
+# centres of two cars in one lane are further apart.
+MAX_OBSTACLE_JUMP = 2.0 * HALF_LENGTH
+# Offset [m] by which a moving obstacle may come to the chosen side before the other one is chosen:
+# more than the noise of the pose of another car.
+MAX_OFFSET_TO_KEEP_SIDE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +113,9 @@ class Corridor:
 
     @obstacles.setter
     def obstacles(self, obstacles: tuple[Obstacle, ...]) -> None:
+        sides = {o: self._find_side(o) for o in obstacles}
         self._obstacles = obstacles
-        self._sides = {o: side for o, side in self._sides.items() if o in obstacles}
+        self._sides = {o: side for o, side in sides.items() if side}
 
     def bounds(self, s: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (low, high) [m] of the lateral error of the car's centre at progresses s [m],
@@ -118,9 +127,7 @@ class Corridor:
         high = np.full(len(s), self.lane)
         for o in self.obstacles:
             s_obstacle = o.s + o.speed * (t - o.t)
-            distance = s - s_obstacle
-            if np.isfinite(self._length):
-                distance = distance - self._length * np.round(distance / self._length)
+            distance = self._wrap(s - s_obstacle)
             side = self._choose_side(o, float(distance[0]))
             if not side:
                 continue
@@ -134,6 +141,24 @@ class Corridor:
                 high = np.minimum(high, -edge)
         self.blocked = bool((low > high).any())
         return low, high
+
+    def _find_side(self, o: Obstacle) -> float:
+        """Return the side that is chosen for this obstacle, as it was seen before; 0: none."""
+        nearest = MAX_OBSTACLE_JUMP
+        found = 0.0
+        for before, side in self._sides.items():
+            along = self._wrap(o.s - before.s - before.speed * (o.t - before.t))
+            jump = hypot(along, o.offset - before.offset)
+            if jump < nearest and side * o.offset <= MAX_OFFSET_TO_KEEP_SIDE:
+                nearest = jump
+                found = side
+        return found
+
+    def _wrap(self, distance: Any) -> Any:
+        """Return distances along the path [m] the short way round, if it is closed."""
+        if not np.isfinite(self._length):
+            return distance
+        return distance - self._length * np.round(distance / self._length)
 
     def _choose_side(self, o: Obstacle, distance: float) -> float:
         """1: pass on its left, -1: on its right, 0: it is too far away."""
