@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import pytest
 
+from dart_hal.core.config import Quantity
+from dart_hal.core.config.car import Geometry
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.flat import bounds
-from dart_hal.vehicle.parameters import REFERENCE_MASS, Body
+from dart_hal.vehicle.load import find_model, vehicle_of
+from dart_hal.vehicle.parameters import Body
+from dart_hal.vehicle.scale import REFERENCE_MASS
 from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.sizes import set_sizes
 
 SCALES = {
     "1:43": (0.06, 0.041, 4e-5), "1:28": (0.098, 0.16, 2e-4), "1:10": (0.175, 1.67, 0.0065),
@@ -46,3 +52,27 @@ def test_fit_of_a_small_car_keeps_the_limits_of_forces():
     assert bounds(PAPER, "motor.d") == (0.0, 200.0)
     heavy = replace(PAPER, body=body(*SCALES["Hunter"]))
     assert bounds(heavy, "motor.d")[1] == pytest.approx(200.0 * 72.0 / REFERENCE_MASS)
+
+
+def test_a_set_for_another_car_has_forces_of_that_car():
+    model = find_model("paper")[0]
+    large = set_sizes(model, Geometry(wheelbase=2.6, l_f=1.3, l_r=1.3, mass=1000.0))
+    old = vehicle_of(model)
+    p = vehicle_of(large)
+    assert p.friction.a == pytest.approx(512.0 * old.friction.a)
+    assert p.friction.b == pytest.approx(old.friction.b / 4.0)
+    assert p.motor.e == pytest.approx(128.0 * old.motor.e)
+    assert p.tyres.rear_cornering_stiffness == pytest.approx(
+        512.0 * old.tyres.rear_cornering_stiffness)
+    assert p.tyres.front_B == old.tyres.front_B
+    assert p.steering == old.steering
+
+
+def test_measured_forces_and_those_of_1_10_stay():
+    model = find_model("paper")[0]
+    measured = msgspec.structs.replace(model, friction={
+        **model.friction, "a": Quantity(1.7, 0.1)})
+    large = Geometry(wheelbase=2.6, l_f=1.3, l_r=1.3, mass=1000.0)
+    assert set_sizes(measured, large).friction["a"] == Quantity(1.7, 0.1)
+    similar = set_sizes(model, Geometry(wheelbase=0.2, l_f=0.1, l_r=0.1, mass=2.0))
+    assert (similar.friction, similar.motor) == (model.friction, model.motor)

@@ -25,7 +25,7 @@ from dart_hal.vehicle import (
 from dart_hal.vehicle.effects import apply, catalogue, is_applicable
 from dart_hal.vehicle.file import model_of, vehicle_from
 from dart_hal.vehicle.flat import bounds, names
-from dart_hal.vehicle.parameters import REFERENCE_MASS
+from dart_hal.vehicle.scale import REFERENCE_MASS
 from dart_lab.sim.light import LightCar
 
 LOOP = SpeedLoop(gain=8.0, max_force=6.0)

@@ -19,15 +19,16 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 ANGLE_SCALE = 0.2  # rad, half of full lock
-SPEED_SCALE = 1.0  # m/s, a typical speed
+TYPICAL_SPEED = 1.0  # m/s, of the car of the paper
 # e1 to e6.
 DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
 
 
-def with_departures(effect: Effect) -> Effect:
+def with_departures(effect: Effect, typical_speed: float = TYPICAL_SPEED) -> Effect:
     """A force with one more parameter for each departure, 0 where it is as written.
 
-    What it does to a signal besides, as a slope to the accelerometer, stays as written.
+    typical_speed [m/s]: in place of 1 m/s. What it does to a signal besides, as a slope to the
+    accelerometer, stays as written.
     """
     more = tuple(Parameter(name, "-", -1.0, 1.0, sizes=(0.1, 0.2, 0.4)) for name in DEPARTURES)
     n = len(effect.parameters)
@@ -43,7 +44,7 @@ def with_departures(effect: Effect) -> Effect:
             # 0.2 rad + e3 (v_x / 1 m/s - 1) - e1.
             along = (r.f_xf - q.f_xf) + (r.f_xr - q.f_xr) + (r.f_x - q.f_x)
             turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
-            share = angle * turned / ANGLE_SCALE + speed * (q.v_x / SPEED_SCALE - 1.0) - front
+            share = angle * turned / ANGLE_SCALE + speed * (q.v_x / typical_speed - 1.0) - front
             return r._replace(f_xf=r.f_xf + front * along, f_x=r.f_x + share * along,
                               f_yf=r.f_yf + side_f * (r.f_yf - q.f_yf),
                               f_yr=r.f_yr + side_r * (r.f_yr - q.f_yr),

@@ -8,11 +8,14 @@ diagnosis and extended model.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from dart_hal.vehicle.namespace import Value
+from dart_hal.vehicle.scale import Scale
 
 EFFECT_STAGES = ("command", "actuator", "force", "motion", "measurement")
 # Signals that an effect may change: commands behind gate, delay and lag (-1..1); road-wheel angle
@@ -115,7 +118,9 @@ class Parameter:
     ``tops``: the loss may have several local minima along it (a tyre slides in one more curve), so
     the search uses a dense grid of sizes; ``physical``: what a car
     can have, where that is less than the interval [low, high] in which a fit may move; meaning:
-    the physical quantity as a noun phrase, for reports.
+    the physical quantity as a noun phrase, for reports. All sizes are those of the car of
+    REFERENCE_WHEELBASE and REFERENCE_MASS; scales_as: unit by which they scale with a car, if that
+    is not ``unit``.
     """
 
     name: str
@@ -129,6 +134,22 @@ class Parameter:
     tops: bool = False
     physical: tuple[float, float] | None = None
     meaning: str = ""
+    scales_as: str = ""
+
+    def at_scale(self, scale: Scale) -> Parameter:
+        """Return the parameter with the interval and the sizes of a car of that scale.
+
+        Forces and lengths scale. Times, rates and angles alone are those of servos, sensors and
+        clocks, and do not.
+        """
+        unit = self.scales_as or self.unit
+        factor = scale.factor(unit) if re.search(r"\b[Nm]", unit) else 1.0
+        if factor == 1.0:
+            return self
+        small, medium, large = (factor * size for size in self.sizes)
+        physical = self.physical and (factor * self.physical[0], factor * self.physical[1])
+        return replace(self, low=factor * self.low, high=factor * self.high,
+                       sizes=(small, medium, large), null=factor * self.null, physical=physical)
 
     @property
     def physical_range(self) -> tuple[float, float]:
@@ -187,6 +208,13 @@ class Effect:
     def nulls(self) -> tuple[float, ...]:
         """Values at which it changes nothing."""
         return tuple(parameter.null for parameter in self.parameters)
+
+
+@lru_cache(maxsize=1024)
+def effect_at_scale(effect: Effect, scale: Scale) -> Effect:
+    """Return the effect with the intervals and sizes of a car of that scale."""
+    parameters = tuple(q.at_scale(scale) for q in effect.parameters)
+    return effect if parameters == effect.parameters else replace(effect, parameters=parameters)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from dart_hal.vehicle.parameters import (
     Steering,
     Vehicle,
 )
+from dart_hal.vehicle.scale import Scale, find_scale
 
 PARAMETER_CLASSES: dict[str, Any] = {"body": Body, "friction": Friction,
                           "steering": Steering, "delay": Delay}
@@ -47,7 +48,7 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     tyres = _read_group(kind, "tyres", model, old if isinstance(old, kind) else None)
     slip = model.forms.get("slip", base.slip if base is not None else "all_speeds")
     p = Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip, **groups)
-    return add_effects(p, _read_effects(model))
+    return add_effects(p, _read_effects(model, find_scale(p.body)))
 
 
 def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
@@ -104,7 +105,7 @@ def _read_motor(model: ModelFile, base: Vehicle | None) -> Any:
     return _read_group(MOTOR_FORMS[form], "motor", model, base.motor if same and base else None)
 
 
-def _read_effects(model: ModelFile) -> list[ActiveEffect]:
+def _read_effects(model: ModelFile, scale: Scale) -> list[ActiveEffect]:
     found: dict[str, ActiveEffect] = {}
     for entry in model.effects:
         if entry.name in found:
@@ -113,7 +114,8 @@ def _read_effects(model: ModelFile) -> list[ActiveEffect]:
                               remedy="put both into one entry of [[effects]]")
         try:
             found[entry.name] = activate(find_effect(entry.name),
-                                        {key: plain(v) for key, v in entry.parameters.items()})
+                                        {key: plain(v) for key, v in entry.parameters.items()},
+                                        scale)
         except UsageError as why:
             raise ConfigError(f"{model.name}: {why.what}", found=why.found or entry.name,
                               expected=why.expected, remedy=why.remedy) from why

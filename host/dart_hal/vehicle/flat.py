@@ -18,6 +18,7 @@ from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle, scaled_bounds
+from dart_hal.vehicle.scale import Scale, find_scale
 
 Group = TypeVar("Group")
 LENGTHS = ("wheelbase", "l_f", "l_r")
@@ -69,7 +70,7 @@ def bounds(p: Vehicle, name: str) -> tuple[float, float]:
     if applied is None:
         meta = _metadata(p, group, key)
         return scaled_bounds(meta, p.body.mass)
-    parameter = applied.effect.parameters[_index(applied, key)]
+    parameter = applied.effect.parameters[_index(applied, key)].at_scale(find_scale(p.body))
     return parameter.low, parameter.high
 
 
@@ -86,18 +87,20 @@ def with_values(p: Vehicle, changed: Mapping[str, float]) -> Vehicle:
         if applied is None:
             changes.setdefault(group, {})[key] = float(number)
         else:
-            effects[group] = change_values(effects[group], {key: float(number)})
+            effects[group] = change_values(effects[group], {key: float(number)},
+                                           find_scale(p.body))
     groups: dict[str, Any] = {group: replace(getattr(p, group), **part)
                               for group, part in changes.items()}
     return replace(p, effects=tuple(effects.values()), **groups)
 
 
-def change_values(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveEffect:
+def change_values(applied: ActiveEffect, changed: Mapping[str, float], scale: Scale
+                  ) -> ActiveEffect:
     """An effect with some values changed. Raises ConfigError out of bounds."""
     numbers = list(applied.values)
     for key, number in changed.items():
         i = _index(applied, key)
-        parameter = applied.effect.parameters[i]
+        parameter = applied.effect.parameters[i].at_scale(scale)
         if not parameter.low <= number <= parameter.high:
             raise ConfigError(
                 f"{applied.name}.{key} = {number!r} is out of range",

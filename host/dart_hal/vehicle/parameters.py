@@ -16,12 +16,12 @@ from typing import Any
 
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
+from dart_hal.vehicle.scale import REFERENCE_MASS
 
 GRAVITY = 9.81  # m/s2, in every figure of this project
 # m driven per revolution of the main gear with the encoder marks: 2 pi (11/39) 0.0233 m with the
 # final drive and the wheel radius of DART.
 GEAR_REVOLUTION = 0.0412918
-REFERENCE_MASS = 1.67  # kg, of the car for which bounds of forces are stated
 MASS_RANGE = 1000.0  # largest ratio of a car's mass to REFERENCE_MASS, and its inverse
 # kg/m3, mass over the cube of the wheelbase. A 1:43 car has 190, DART 310, a kart 130, a road car
 # 76, so the limits have a factor of about 10 to both sides. Grams for kilograms are a factor of

@@ -1,12 +1,12 @@
 """Sizes of a car in a model: wheelbase, centre of mass, mass, inertia and lock of car.toml.
 
 A shipped parameter set is of DART. Where a car is named, its own sizes take the place of DART's
-before anything is fitted or predicted.
+before anything is fitted or predicted, and forces that were not measured are scaled with them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import msgspec
 import numpy as np
@@ -15,7 +15,15 @@ from dart_hal.core.config import ModelFile, Quantity, plain
 from dart_hal.core.config.car import CarConfig, CommandLimits, Geometry
 from dart_hal.core.config.model import Parameter, Parameters
 from dart_hal.vehicle.namespace import ARRAY
-from dart_hal.vehicle.parameters import Body, Steering
+from dart_hal.vehicle.parameters import (
+    MOTOR_FORMS,
+    AxleTyres,
+    Body,
+    Friction,
+    PaperTyres,
+    Steering,
+)
+from dart_hal.vehicle.scale import Scale, find_scale, scale_of_sizes
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
@@ -42,7 +50,8 @@ def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
 def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     """The model with the sizes of a car, and with their standard errors where it states them.
 
-    Entries with a standard error that is not from a car.toml were measured and stay.
+    Entries with a standard error that is not from a car.toml were measured and stay. All others
+    with a unit of force or length are scaled with the car: friction, motor, tyres.
     """
     body = body_of(size)
     errors = size.std.to_dict()
@@ -54,7 +63,26 @@ def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     changed: Parameters = {
         key: Quantity(getattr(body, key), errors[key], CAR_FILE) if key in errors else
         getattr(body, key) for key in SIZES if key not in kept}
-    return msgspec.structs.replace(model, body={**model.body, **changed})
+    return msgspec.structs.replace(scale_forces(model, size), body={**model.body, **changed})
+
+
+def scale_forces(model: ModelFile, size: Geometry) -> ModelFile:
+    """The model with friction, motor and tyres of a similar car of that size."""
+    old = model.values("body")
+    before = scale_of_sizes(old["wheelbase"], old["mass"])
+    after = find_scale(size)
+    if before == after:
+        return model
+    ratio = Scale(after.length / before.length, after.force / before.force)
+    motor = MOTOR_FORMS[model.forms.get("motor", "duty")]
+    units = {f.name: str(f.metadata["unit"]) for group in (Friction, motor, PaperTyres)
+             for f in fields(group)}
+    relative = {f.name for f in fields(AxleTyres)} if "rear_D" in model.tyres else set()
+    scaled = {section: {key: entry if isinstance(entry, Quantity) or key in relative
+                        else ratio.factor(units[key]) * entry
+                        for key, entry in getattr(model, section).items()}
+              for section in ("friction", "motor", "tyres")}
+    return msgspec.structs.replace(model, **scaled)
 
 
 def is_from_car_file(entry: Parameter) -> bool:

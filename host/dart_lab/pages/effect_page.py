@@ -28,7 +28,9 @@ parameters = { k = { value = 0.1, std = 0.02 } }
 | looks like | effects with similar traces; each section has the drive that distinguishes them |
 | not for speed loops | refused and not tried for a [speed loop](car-files.md#drive-forms) |
 
-Effects on forces need tyres; the kinematic bicycle does not change.
+Effects on forces need tyres; the kinematic bicycle does not change. Numbers with N or m in their
+unit are those of a car of 1:10; those of another car follow from its wheelbase and mass, see
+[cars of another size](../explanation/diagnosis_method.md#cars-of-another-size).
 Generated from `dart_hal/vehicle/effects/` (`dart-hal wire --write`).
 """
 

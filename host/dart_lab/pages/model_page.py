@@ -9,7 +9,8 @@ from typing import Any
 
 from dart_hal.core.config.model import MODEL_KEYS
 from dart_hal.vehicle.file import PARAMETER_CLASSES
-from dart_hal.vehicle.parameters import REFERENCE_MASS, AxleTyres, Motor, PaperTyres, SpeedLoop
+from dart_hal.vehicle.parameters import AxleTyres, Motor, PaperTyres, SpeedLoop
+from dart_hal.vehicle.scale import REFERENCE_MASS
 
 HEAD = f"""# Keys of model.toml
 

@@ -20,9 +20,16 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.core.errors import ConfigError, PluginFailed, UsageError
-from dart_hal.vehicle.effect import EFFECT_STAGES, ActiveEffect, Effect, PureDelay
+from dart_hal.vehicle.effect import (
+    EFFECT_STAGES,
+    ActiveEffect,
+    Effect,
+    PureDelay,
+    effect_at_scale,
+)
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale, find_scale
 
 ENTRY_POINT_GROUP = "dart_hal.effects"  # entry points: effects of other packages
 
@@ -96,8 +103,16 @@ def is_applicable(item: Effect, p: Vehicle) -> bool:
     return p.drive == "duty" or not item.duty_only
 
 
-def activate(item: Effect, values: Mapping[str, Value]) -> ActiveEffect:
+def effect_for(p: Vehicle, name: str) -> Effect:
+    """Return an effect of the catalogue with the intervals and sizes of a vehicle's scale."""
+    return effect_at_scale(catalogue()[name], find_scale(p.body))
+
+
+def activate(item: Effect, values: Mapping[str, Value], scale: Scale = REFERENCE_SCALE
+             ) -> ActiveEffect:
     """Return an effect with values by parameter, null where not given; floats or arrays (n,).
+
+    scale: of the car, by which the intervals of the parameters are.
 
     Raises UsageError for an unknown parameter, ConfigError for a value that is
     out of its bounds or no number.
@@ -107,7 +122,7 @@ def activate(item: Effect, values: Mapping[str, Value]) -> ActiveEffect:
         if key not in names:
             raise UsageError(f"the effect {item.name} has no parameter {key!r}", found=key,
                              expected=", ".join(names), remedy=f"write {names[0]} for {key}")
-    for q in item.parameters:
+    for q in effect_at_scale(item, scale).parameters:
         number = np.asarray(values.get(q.name, q.null), dtype=float)
         if not np.all((number >= q.low) & (number <= q.high)):
             raise ConfigError(f"{item.name}.{q.name} = {values[q.name]!r} is out of range",
@@ -123,7 +138,7 @@ def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
     Raises UsageError for an unknown effect or parameter, ConfigError for a
     value out of its bounds.
     """
-    return add_effects(p, (activate(find_effect(name), values),))
+    return add_effects(p, (activate(find_effect(name), values, find_scale(p.body)),))
 
 
 def add_effects(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:

@@ -39,7 +39,8 @@ EFFECT = Effect(
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 4.0, sizes=(0.75, 1.5, 3.0),
-                          meaning="share of the squared side force lost at 3 N of drive force"),),
+                          meaning="share of the squared side force lost at 3 N of drive force",
+                          scales_as="1/N2"),),
     confused_with=("load_transfer", "rear_saturation", "grip", "cornering_drag"),
     experiment=(
         "A circle with acceleration and with coasting through the same speed. Load transfer "
