@@ -43,6 +43,7 @@ class Finding:
 
 def findings(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
     """Return the findings about one recording, serious ones first."""
+    speed = m.recording.scale.speed
     out = [_finding_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
     if m.mostly_bad:
         share = 1.0 - float(m.good.mean())
@@ -51,7 +52,7 @@ def findings(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
                               "may be concluded from the rest"))
     elif not m.moves:
         out.append(_report("never_moves", "the car never moves: no speed above "
-                         f"{MIN_MOVING_SPEED} m/s in any sensor"))
+                         f"{MIN_MOVING_SPEED * speed:.2g} m/s in any sensor"))
     if f.duration < MIN_FIT_DURATION:
         out.append(_report("too_short", f"only {f.duration:.1f} s long: too short for a fit"))
     if f.rounded:
@@ -60,8 +61,8 @@ def findings(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
     out += _mocap(m, f) + _accelerometer(m)
     if m.slip >= MIN_REPORTED_SLIP:
         out.append(Finding("slip", "wheel and ground speed differ by more than "
-                           f"{MAX_SLIP_SPEED} m/s in {m.slip:.0%} of the driven time: the wheels "
-                           "slip, use the mocap",
+                           f"{MAX_SLIP_SPEED * speed:.2g} m/s in {m.slip:.0%} of the driven time: "
+                           "the wheels slip, use the mocap",
                            serious=m.slip >= MAX_SLIP_SHARE))
     return sorted(out, key=lambda x: not x.serious)
 
@@ -103,7 +104,7 @@ def _accelerometer(m: RecordedMotion) -> list[Finding]:
         if max(abs(x), abs(y)) > MAX_TILT_ACCELERATION:
             out.append(_report("accelerometer_tilt", "accelerometer at rest shows "
                              f"({x:+.2f}, {y:+.2f}) m/s2: tilt, do not integrate it"))
-    driven = speed > MIN_MOVING_SPEED
+    driven = speed > MIN_MOVING_SPEED * m.recording.scale.speed
     if driven.sum() >= REST_ROWS and float(np.nanstd(a.accel_x[driven])) > 1.0:
         out.append(_report("vibration", "accelerometer x scatters by "
                          f"{float(np.nanstd(a.accel_x[driven])):.1f} m/s2 while driving: "

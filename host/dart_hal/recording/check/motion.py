@@ -19,9 +19,10 @@ FIRST_WINDOW = 20
 WINDOW_STRIDE = 25
 WINDOW_TAIL = 220
 WINDOW_SPAN = 207
-START_SPEED = 0.3  # m/s
-MIN_MOVING_SPEED = 0.05  # m/s; below it the car is at rest
-# m/s between wheels and ground, and samples to judge it by.
+# Speeds [m/s] of a car of 1:10: at the start of a window, and below which it is at rest.
+START_SPEED = 0.3
+MIN_MOVING_SPEED = 0.05
+# m/s between wheels and ground, of a car of 1:10, and samples to judge it by.
 MAX_SLIP_SPEED = 0.3
 SLIP_ROWS = 100
 # Share of bad samples above which the good ones are only pauses between failures.
@@ -57,26 +58,27 @@ class RecordedMotion:
     @property
     def moves(self) -> bool:
         """Whether anything shows that the car drove: encoder or motion capture, for 0.3 s."""
-        speed = self.recording.messages.speed
+        scale = self.recording.scale.speed
+        speed = self.recording.messages.speed / scale
         if int((np.nan_to_num(speed) > MIN_MOVING_SPEED).sum()) >= 3:
             return True
         return self.grid is not None and int(
-            (np.hypot(self.grid.v_x, self.grid.v_y)[self.good] > START_SPEED).sum()) >= 30
+            (np.hypot(self.grid.v_x, self.grid.v_y)[self.good] > START_SPEED * scale).sum()) >= 30
 
 
     @property
     def slip(self) -> float:
-        """Share of the driven time in which wheels and ground differ by more than 0.3 m/s.
+        """Share of the driven time in which wheels and ground differ by more than MAX_SLIP_SPEED.
 
         0 where one of the two is not measured.
         """
         g = self.grid
         if g is None or self.recording.encoder != "ok":
             return 0.0
-        driven = self.good & (g.v_x > START_SPEED) & np.isfinite(g.encoder)
+        driven = self.good & (g.v_x > START_SPEED * g.scale.speed) & np.isfinite(g.encoder)
         if driven.sum() < SLIP_ROWS:
             return 0.0
-        return float((np.abs(g.encoder - g.v_x)[driven] > MAX_SLIP_SPEED).mean())
+        return float((np.abs(g.encoder - g.v_x)[driven] > MAX_SLIP_SPEED * g.scale.speed).mean())
 
 
 def motion(recording: Recording) -> RecordedMotion:
@@ -95,10 +97,11 @@ def motion(recording: Recording) -> RecordedMotion:
 def windows(g: Grid) -> list[int]:
     """Return the start samples of the open-loop evaluation.
 
-    One each 0.25 s, with v_x > 0.3 m/s and no bad sample in the window.
+    One each 0.25 s, with v_x > START_SPEED and no bad sample in the window.
 
     A window needs 80 ms before its start and 2.07 s after it.
     """
     bad = np.concatenate([[0], np.cumsum(g.bad)])
+    least = START_SPEED * g.scale.speed
     return [s for s in range(FIRST_WINDOW, len(g) - WINDOW_TAIL, WINDOW_STRIDE)
-            if g.v_x[s] > START_SPEED and bad[s + WINDOW_SPAN + 1] == bad[s - WINDOW_LEAD]]
+            if g.v_x[s] > least and bad[s + WINDOW_SPAN + 1] == bad[s - WINDOW_LEAD]]

@@ -13,10 +13,11 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray
 
 from .facts import RecordingFacts
-from .motion import MAX_SLIP_SHARE, MIN_MOVING_SPEED, RecordedMotion
+from .motion import MAX_SLIP_SHARE, MIN_MOVING_SPEED, START_SPEED, RecordedMotion
 
 PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
-MIN_ROLLING_SPEED = 0.1  # m/s
+# Speeds [m/s] here are those of a car of 1:10.
+MIN_ROLLING_SPEED = 0.1
 MAX_STRAIGHT_STEERING = 0.2  # of full steering; more than that and cornering drag counts
 # Speeds for the steering map [m/s]. At low speed the noise of the gyro dominates the angle
 # atan(l W / v), so slow messages count only if there are too few fast ones.
@@ -50,7 +51,9 @@ class Use:
 def uses(m: RecordedMotion, f: RecordingFacts) -> dict[str, Use]:
     """Return the use for each purpose, in the order of ``PURPOSES``."""
     a = m.recording.messages
+    scale = m.recording.scale
     speed, source = _speed(m)
+    relative = speed / scale.speed
     if m.mostly_bad:
         no = Use(False, 0, "messages", f"{1.0 - float(m.good.mean()):.0%} of the motion is marked "
                  "bad")
@@ -60,17 +63,19 @@ def uses(m: RecordedMotion, f: RecordingFacts) -> dict[str, Use]:
         return {**dict.fromkeys(PURPOSES[:4], no), "tyres": _tyres(m),
                 "evaluation": _evaluation(m, f)}
     straight = np.abs(a.steering) <= MAX_STRAIGHT_STEERING
-    coast = straight & (a.throttle == 0.0) & (speed > MIN_ROLLING_SPEED)
-    driven = straight & (a.throttle > 0.0) & (speed > MIN_MOVING_SPEED)
+    coast = straight & (a.throttle == 0.0) & (relative > MIN_ROLLING_SPEED)
+    driven = straight & (a.throttle > 0.0) & (relative > MIN_MOVING_SPEED)
     turn = _turn_rate(m)
-    enough = int((speed > MIN_STEERED_SPEED).sum()) >= MIN_TURNED_MESSAGES
-    fast = speed > (MIN_STEERED_SPEED if enough else MIN_SLOW_STEERED_SPEED)
+    enough = int((relative > MIN_STEERED_SPEED).sum()) >= MIN_TURNED_MESSAGES
+    fast = relative > (MIN_STEERED_SPEED if enough else MIN_SLOW_STEERED_SPEED)
     steered = fast & np.isfinite(turn)
     return {
         "friction": _friction(coast, source, f.step),
         "motor": _motor(driven, a.throttle, source, f.step),
-        "steering": _steering(steered, a.steering, source, f.step),
-        "delay": _delay((speed > MIN_DELAY_SPEED) & np.isfinite(turn), a.steering),
+        "steering": _steering(steered, a.steering, source, f.step,
+                              MIN_SLOW_STEERED_SPEED * scale.speed),
+        "delay": _delay((relative > MIN_DELAY_SPEED) & np.isfinite(turn), a.steering,
+                        MIN_DELAY_SPEED * scale.speed),
         "tyres": _tyres(m),
         "evaluation": _evaluation(m, f),
     }
@@ -115,12 +120,14 @@ def _motor(rows: BoolArray, throttle: FloatArray, source: str, step: float) -> U
                f"{source}" if good else f"drives straight for {_seconds(n, step)} only")
 
 
-def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -> Use:
+def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float, least: float
+              ) -> Use:
+    """Return the use for the steering map; least [m/s]: speed of the rows."""
     n = int(rows.sum())
     levels = _levels(steering[rows])
     if n < MIN_TURNED_MESSAGES:
         return Use(False, n, "messages",
-                   f"above {MIN_SLOW_STEERED_SPEED} m/s for {_seconds(n, step)} only")
+                   f"above {least:.2g} m/s for {_seconds(n, step)} only")
     if levels < 3:
         return Use(False, n, "messages", f"{levels} steering level(s): a map needs several")
     left = bool((steering[rows] > 0.3).any())
@@ -130,16 +137,17 @@ def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -
     return Use(left or right, n, "messages", f"{levels} levels, {side}, speed from the {source}")
 
 
-def _delay(rows: BoolArray, steering: FloatArray) -> Use:
+def _delay(rows: BoolArray, steering: FloatArray, least: float) -> Use:
+    """Return the use for the delay; least [m/s]: speed of the rows."""
     n = int(rows.sum())
     driven = steering[rows]
     changes = int((np.diff(driven) != 0.0).sum())
     if n < MIN_DELAY_MESSAGES:
         return Use(False, n, "messages",
-                   f"fewer than {MIN_DELAY_MESSAGES} messages above {MIN_DELAY_SPEED} m/s")
+                   f"fewer than {MIN_DELAY_MESSAGES} messages above {least:.2g} m/s")
     if changes < MIN_STEERING_CHANGES or float(np.std(driven)) < MIN_STEERING_SPREAD:
         return Use(False, n, "messages", "the steering hardly changes while the car drives")
-    return Use(True, n, "messages", f"{changes} steering changes above {MIN_DELAY_SPEED} m/s")
+    return Use(True, n, "messages", f"{changes} steering changes above {least:.2g} m/s")
 
 
 def _tyres(m: RecordedMotion) -> Use:
@@ -168,7 +176,8 @@ def _evaluation(m: RecordedMotion, f: RecordingFacts) -> Use:
     n = f.mocap.windows
     if m.reference is None:
         return Use(False, n, "windows", "the marker frame is not known")
-    return Use(n > 0, n, "windows", "of 2 s" if n else "no 2 s of clean driving above 0.3 m/s")
+    return Use(n > 0, n, "windows", "of 2 s" if n else
+               f"no 2 s of clean driving above {START_SPEED * m.recording.scale.speed:.2g} m/s")
 
 
 def _seconds(n: int, step: float) -> str:

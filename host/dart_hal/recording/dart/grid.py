@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale
 
 from .marker import marker_grid
 from .model import Recording, Reference, freeze, freeze_flags
@@ -25,7 +26,8 @@ class Grid:
 
     t s from the first mocap row; x, y m, yaw rad unwrapped; v_x, v_y m/s in
     body axes, omega rad/s; throttle (gated), steering, encoder [m/s]: last
-    message that had arrived (NaN: no such sensor); bad: do not use.
+    message that had arrived (NaN: no such sensor); bad: do not use; scale: of
+    the car, see ``Recording.scale``.
     """
 
     t: FloatArray
@@ -40,6 +42,7 @@ class Grid:
     encoder: FloatArray
     bad: BoolArray
     reference: Reference
+    scale: Scale = REFERENCE_SCALE
 
     def __len__(self) -> int:
         return len(self.t)
@@ -73,4 +76,4 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float | 
     return Grid(
         t=freeze(m.t), x=x, y=y, yaw=freeze(yaw), v_x=v_x, v_y=v_y, omega=freeze(m.omega),
         throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
-        bad=freeze_flags(m.bad), reference=ref)
+        bad=freeze_flags(m.bad), reference=ref, scale=recording.scale)

@@ -26,7 +26,8 @@ MARGIN_SAMPLES = 20
 # Median mocap step [s] above which values are interpolated by a spline.
 SLOW_STEP = 0.03
 POSITION_STEP_C = 0.08  # m per 10 ms
-# False lock: the pose is at rest (m/s) while the encoder counts (m/s), in more than LOCK_MIN of
+# False lock: the pose is at rest (m/s) while the encoder counts (m/s; both of a car of 1:10), in
+# more than LOCK_MIN of
 # LOCK_SPAN samples.
 LOCK_SPEED = 0.05
 LOCK_ENCODER = 0.25
@@ -121,7 +122,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     encoder = messages.speed[last]
     lock = np.zeros(len(t), dtype=bool)
     if recording.schema != "C":
-        lock = _false_lock(np.hypot(dx, dy), encoder)
+        speed = recording.scale.speed
+        lock = _false_lock(np.hypot(dx, dy) / speed, encoder / speed)
     stale = (arrived < 0) | (t - messages.arrival[last] > MAX_MESSAGE_GAP + ARRIVAL_TOLERANCE)
     # The published evaluation of schema C has a longer limit and drops only the sample before.
     if recording.schema == "C":
@@ -163,6 +165,7 @@ def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:
 
 
 def _false_lock(speed: FloatArray, encoder: FloatArray) -> BoolArray:
+    """Mark the samples (n,) of a false lock; speeds [m/s] of a car of 1:10."""
     with np.errstate(invalid="ignore"):
         locked = (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
     count = np.convolve(locked, np.ones(LOCK_SPAN), mode="same")

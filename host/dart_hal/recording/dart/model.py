@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dart_hal.core.config.car import CarConfig
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
+from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale, find_scale
 
 RUN = "run"  # schema of a run of our own, read as a recording
 
@@ -212,6 +213,11 @@ class Recording:
         """Folder and file name, for tables and messages."""
         folder = self.path.parent.name or self.path.absolute().parent.name
         return f"{folder}/{self.path.name}"
+
+    @property
+    def scale(self) -> Scale:
+        """Scale of its car, by which limits of speeds and lengths are; without one that of 1:10."""
+        return REFERENCE_SCALE if self.car is None else find_scale(self.car.geometry)
 
     @property
     def of_means(self) -> bool:

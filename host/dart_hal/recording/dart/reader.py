@@ -23,7 +23,7 @@ from .sensors import check_commands, commands_only, messages, not_started
 from .steering_sign import steering_note
 from .table import decode_content, keep_finite, parse_text, read_content
 
-# Speed of the mocap [m/s] for a second at which the encoder must count.
+# Speed of the mocap [m/s], of a car of 1:10, for a second at which the encoder must count.
 MIN_MOCAP_SPEED = 0.15
 MIN_MOCAP_ROWS = 30
 
@@ -144,7 +144,8 @@ def _mocap_moves(recording: Recording) -> bool:
     if recording.mocap is None:
         return False
     m = marker_grid(recording)
-    return int(((np.hypot(m.dx, m.dy) > MIN_MOCAP_SPEED) & ~m.bad).sum()) > 100
+    speed = np.hypot(m.dx, m.dy) / recording.scale.speed
+    return int(((speed > MIN_MOCAP_SPEED) & ~m.bad).sum()) > 100
 
 
 def read_all(paths: Iterable[str | Path]

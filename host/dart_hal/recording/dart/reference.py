@@ -17,6 +17,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.fitting.robust import scatter
+from dart_hal.vehicle.scale import Scale
 
 from .marker import marker_grid, savgol_derivative
 from .model import Recording, Reference
@@ -29,10 +30,11 @@ UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
          (datetime(2024, 8, 16, tzinfo=timezone.utc), JUL_24),
          (datetime(2025, 1, 1, tzinfo=timezone.utc), SEP_24))
 
-# Samples that the fit uses: smallest speed [m/s], largest lateral acceleration [m/s2].
+# Samples that the fit uses: smallest speed [m/s] of a car of 1:10, largest lateral acceleration
+# [m/s2].
 MIN_FIT_SPEED = 0.3
 MAX_FIT_LATERAL = 2.0
-# The car turns above this yaw rate [rad/s] or lateral acceleration [m/s2].
+# The car turns above this yaw rate [rad/s] of 1:10, or lateral acceleration [m/s2].
 TURNING_RATE = 0.3
 TURNING_LATERAL = 0.3
 MIN_TURNING_SAMPLES = 200  # of 0.01 s to each side
@@ -46,7 +48,7 @@ JACKKNIFE_GROUPS = 10
 SLIP_ERROR = 0.002
 # L_x is not identified if its standard error is above all three: an error [m], a share of L_x, and
 # a side slip [rad] at the median radius of the turns. A fast car in wide curves needs a less
-# accurate L_x than a slow one.
+# accurate L_x than a slow one. Lengths are those of a car of 1:10.
 MAX_ERROR = 0.05
 MAX_SHARE = 0.25
 MAX_SLIP = 0.005
@@ -72,7 +74,7 @@ class _Turns:
     """Motion of the marker frame of one recording, (n,) each.
 
     yaw [rad]; rates of x, y [m/s] and yaw [rad/s]; good: samples that may be used; driven: samples
-    with a positive throttle.
+    with a positive throttle; scale: of the car.
     """
 
     yaw: FloatArray
@@ -81,6 +83,7 @@ class _Turns:
     omega: FloatArray
     good: BoolArray
     driven: BoolArray
+    scale: Scale
 
 
 def reference_for(recording: Recording) -> Reference | None:
@@ -126,18 +129,19 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
     theta = _course(parts)
     if theta is None:
         return None
+    scale = parts[0].scale
     for _ in range(FRAME_ROUNDS):
         design, lateral = _equation(parts, theta)
-        if not _turns_to_both_sides(design):
+        if not _turns_to_both_sides(design, scale):
             return None
         solution = _solve_robust(design, lateral)
         theta += float(np.arctan(solution[1]))
     std = _jackknife(design, lateral)
-    turning = _is_turning(design)
+    turning = _is_turning(design, scale)
     radius = float(np.median(design[turning, 1] / np.abs(design[turning, 0])))
     lx = float(solution[0])
     lx_std = float(np.hypot(std[0], SLIP_ERROR * radius))
-    if lx_std > max(MAX_ERROR, MAX_SHARE * abs(lx), MAX_SLIP * radius):
+    if lx_std > max(MAX_ERROR * scale.length, MAX_SHARE * abs(lx), MAX_SLIP * radius):
         return None
     theta = float((theta + np.pi) % (2.0 * np.pi) - np.pi)
     ly, ly_std = _fit_lateral_offset(recordings, theta)
@@ -181,7 +185,7 @@ def _turns(recording: Recording) -> _Turns:
     g = marker_grid(recording)
     m = recording.messages
     driven = m.throttle[g.message] > 0.0
-    return _Turns(g.yaw, g.dx, g.dy, g.omega, ~g.bad, driven)
+    return _Turns(g.yaw, g.dx, g.dy, g.omega, ~g.bad, driven, recording.scale)
 
 
 def _course(parts: Sequence[_Turns]) -> float | None:
@@ -195,7 +199,7 @@ def _course(parts: Sequence[_Turns]) -> float | None:
     for forward in (True, False):
         for part in parts:
             speed = np.hypot(part.dx, part.dy)
-            use = (part.good & (speed > MIN_FIT_SPEED)
+            use = (part.good & (speed > MIN_FIT_SPEED * part.scale.speed)
                    & (np.abs(speed * part.omega) < MAX_FIT_LATERAL)
                    & (part.driven | (not forward)))
             angle = np.arctan2(part.dy[use], part.dx[use]) - part.yaw[use]
@@ -215,22 +219,25 @@ def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatA
         v = np.cos(yaw) * part.dx + np.sin(yaw) * part.dy
         across = -np.sin(yaw) * part.dx + np.cos(yaw) * part.dy
         rate = savgol_derivative(part.omega, DERIVATIVE_POINTS)
-        use = part.good & (v > MIN_FIT_SPEED) & (np.abs(v * part.omega) < MAX_FIT_LATERAL)
+        use = (part.good & (v > MIN_FIT_SPEED * part.scale.speed)
+               & (np.abs(v * part.omega) < MAX_FIT_LATERAL))
         terms = [part.omega, v, v * v * part.omega, v * rate]
         design.append(np.column_stack(terms)[use])
         lateral.append(across[use])
     return np.concatenate(design), np.concatenate(lateral)
 
 
-def _is_turning(design: FloatArray) -> BoolArray:
+def _is_turning(design: FloatArray, scale: Scale) -> BoolArray:
     omega = design[:, 0]
     v = design[:, 1]
-    return np.asarray((np.abs(omega) > TURNING_RATE) | (np.abs(v * omega) > TURNING_LATERAL))
+    return np.asarray((np.abs(omega) > TURNING_RATE * scale.yaw_rate)
+                      | (np.abs(v * omega) > TURNING_LATERAL))
 
 
-def _turns_to_both_sides(design: FloatArray) -> bool:
-    left = _is_turning(design) & (design[:, 0] > 0.0)
-    right = _is_turning(design) & (design[:, 0] < 0.0)
+def _turns_to_both_sides(design: FloatArray, scale: Scale) -> bool:
+    turning = _is_turning(design, scale)
+    left = turning & (design[:, 0] > 0.0)
+    right = turning & (design[:, 0] < 0.0)
     return min(int(left.sum()), int(right.sum())) >= MIN_TURNING_SAMPLES
 
 
@@ -282,7 +289,8 @@ def _fit_lateral_offset(recordings: Sequence[Recording], theta: float) -> tuple[
         v_long = _average(forward, end)
         omega = _average(g.omega, end)
         bad = _average(bad, end)
-        use = ((bad == 0.0) & (m.speed > MIN_FIT_SPEED) & (np.abs(v_long * omega) < MAX_FIT_LATERAL)
+        use = ((bad == 0.0) & (m.speed > MIN_FIT_SPEED * recording.scale.speed)
+               & (np.abs(v_long * omega) < MAX_FIT_LATERAL)
                & (end > ENCODER_COUNT_SAMPLES) & (end < len(g.t) - 1))
         design.append(np.column_stack([m.speed, -omega])[use])
         along.append(v_long[use])
@@ -290,9 +298,9 @@ def _fit_lateral_offset(recordings: Sequence[Recording], theta: float) -> tuple[
         return 0.0, float("nan")
     rows = np.concatenate(design)
     y = np.concatenate(along)
-    scale, ly = _solve_robust(rows, y).tolist()
+    ratio, ly = _solve_robust(rows, y).tolist()
     std = float(_jackknife(rows, y)[1])
-    if scale < MIN_RATIO or std > MAX_ACROSS_ERROR:
+    if ratio < MIN_RATIO or std > MAX_ACROSS_ERROR * recordings[0].scale.length:
         return 0.0, float("nan")
     return float(ly), float(np.hypot(std, SLIP_ERROR))
 

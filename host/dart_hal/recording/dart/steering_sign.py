@@ -12,7 +12,7 @@ from dart_hal.core.types import FloatArray
 from .marker import marker_grid
 from .model import Note, Recording
 
-MIN_SIGN_SPEED = 0.3  # m/s
+MIN_SIGN_SPEED = 0.3  # m/s, of a car of 1:10
 # Smallest command that is used; a smaller one may be a trim.
 MIN_STEERING = 0.1
 # Delays from a command to the turn [s] that are tried.
@@ -96,6 +96,6 @@ def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, in
         forward = m.throttle >= 0.0
         least = MIN_TURNING_MESSAGES
     with np.errstate(invalid="ignore"):
-        use = good & forward & (speed > MIN_SIGN_SPEED)
+        use = good & forward & (speed > MIN_SIGN_SPEED * recording.scale.speed)
     curvature = np.where(use, rate / np.where(use, speed, 1.0), np.nan)
     return t, command, curvature, least

@@ -19,7 +19,12 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.recording.dart.grid import L_R, UNKNOWN_FRAME
 from dart_hal.recording.dart.reference import NEEDED, OPTION
-from dart_lab.identification.prediction.windows import Windows, find_windows, is_covered
+from dart_lab.identification.prediction.windows import (
+    Windows,
+    find_windows,
+    is_covered,
+    least_speed,
+)
 
 EXCLUDED = "window(s) left out"
 NO_MOCAP = "no motion capture"
@@ -103,7 +108,7 @@ def prepare(recordings: Sequence[Recording], *, l_r: float = L_R,
         elif case is not None and recording.path.resolve() in required:
             raise RecordingError(
                 f"{recording.name}: no window of 2 s can be used", found="; ".join(use.why),
-                expected="2.2 s above 0.3 m/s with sound motion capture",
+                expected=f"2.2 s above {least_speed(recording):.2g} m/s with sound motion capture",
                 read=str(recording.path), remedy="leave this file out")
     if not cases:
         raise _make_no_case_error(files)
@@ -133,7 +138,7 @@ def _make_case(key: str, recording: Recording, reference: Reference | None,
     used = int(is_covered(windows, len(g)).sum())
     why = [*(str(note) for note in recording.notes if note.kind in FRAME_NOTES),
            *(f"{count} {EXCLUDED}: {reason}" for count, reason in (
-        (windows.slow, "start at 0.3 m/s or slower"),
+        (windows.slow, f"start at {least_speed(recording):.2g} m/s or slower"),
         (windows.bad, "hold samples that the mocap or the messages got wrong")) if count)]
     if not len(windows) and not why:
         why = [f"{len(g) / 100:.1f} s are too short for a window of 2 s"]

@@ -22,16 +22,16 @@ from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED
 
 from .cases import Case
 
-# Edges of the bins by |v omega| [m/s2] and by v_x [m/s].
+# Edges of the bins by |v omega| [m/s2] and by v_x [m/s] of a car of 1:10.
 CURVE_EDGES = {"lateral_acceleration": np.arange(0.0, 8.01, 0.5),
                "speed": np.arange(0.3, 4.01, 0.2)}
 # Samples of 10 ms that a bin needs.
 MIN_BIN_SAMPLES = 50
 # Samples of 10 ms after a change of the steering that are excluded.
 SETTLING_SAMPLES = 70
-# [m/s] The path below it is taken as that without slip.
+# [m/s] The path of a car of 1:10 below it is taken as that without slip.
 MAX_NO_SLIP_SPEED = 0.8
-# [1/m] Smaller curvatures do not count as a turn.
+# [1/m] Smaller curvatures of a car of 1:10 do not count as a turn.
 MIN_TURN_CURVATURE = 0.4
 # [rad] Rear slip of a car that spins or drifts, beyond any model fitted to driving.
 MIN_SPIN_SLIP = math.radians(20.0)
@@ -103,12 +103,12 @@ def curvature_loss(cases: Sequence[Case], l_r: float = L_R) -> list[EvidenceCurv
         steady = _is_driving(g) & _is_constant(g.steering) & grips
         for level in np.unique(np.round(g.steering[steady], 3)):
             use = steady & (np.abs(g.steering - level) < 1e-3)
-            slow = use & (g.v_x < MAX_NO_SLIP_SPEED)
+            slow = use & (g.v_x < MAX_NO_SLIP_SPEED * g.scale.speed)
             if slow.sum() < MIN_BIN_SAMPLES:
                 continue
-            kappa = g.omega / np.maximum(g.v_x, MIN_WINDOW_SPEED)
+            kappa = g.omega / np.maximum(g.v_x, MIN_WINDOW_SPEED * g.scale.speed)
             usual = float(np.median(kappa[slow]))
-            if abs(usual) < MIN_TURN_CURVATURE:
+            if abs(usual) < MIN_TURN_CURVATURE / g.scale.length:
                 continue
             curve = _make_curve(case.file, "speed", 1 if usual > 0.0 else -1, float(level), g,
                                 1.0 - kappa / usual, use, abs(usual))
@@ -137,7 +137,7 @@ def crossing(accel: FloatArray, value: FloatArray, tolerance: float) -> float:
 
 
 def _is_driving(g: Grid) -> BoolArray:
-    return np.asarray(~g.bad & (g.v_x > MIN_WINDOW_SPEED))
+    return np.asarray(~g.bad & (g.v_x > MIN_WINDOW_SPEED * g.scale.speed))
 
 
 def _is_constant(steering: FloatArray) -> BoolArray:
@@ -149,7 +149,8 @@ def _is_constant(steering: FloatArray) -> BoolArray:
 def _make_curve(file: str, variable: str, side: int, level: float, g: Grid, value: FloatArray,
                 use: BoolArray, curvature: float = np.nan) -> EvidenceCurve:
     accel = np.abs(g.v_x * g.omega)
-    index = np.digitize(g.v_x if variable == "speed" else accel, CURVE_EDGES[variable]) - 1
+    binned = g.v_x / g.scale.speed if variable == "speed" else accel
+    index = np.digitize(binned, CURVE_EDGES[variable]) - 1
     rows = np.full((3, len(CURVE_EDGES[variable]) - 1), np.nan)
     spread: list[float] = []
     for k in range(rows.shape[1]):

@@ -18,6 +18,7 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.prediction.rollout import (
     batches,
     concatenate_series,
@@ -103,14 +104,16 @@ def find_takeover(p: Vehicle, cases: Sequence[Case], seed: int = 0) -> list[Take
     block, unit = label_blocks(cases)
     out = []
     sound = ~is_spinning(p.body.l_r, cases)
+    scale = find_scale(p.body)
     for by, x in mean_conditions(cases).items():
-        index = np.where(sound, np.digitize(x, BIN_EDGES[by]) - 1, -1)
+        edges = BIN_EDGES[by] * (scale.speed if by == "speed" else 1.0)
+        index = np.where(sound, np.digitize(x, edges) - 1, -1)
         for channel in TAKEOVER_CHANNELS:
             k, d = (e[CHANNELS.index(channel)] for e in pair)
             out.append(Takeover(channel, by, tuple(
-                _make_bin(BIN_EDGES[by][i], BIN_EDGES[by][i + 1], k[index == i], d[index == i],
+                _make_bin(edges[i], edges[i + 1], k[index == i], d[index == i],
                           block[index == i], unit, seed)
-                for i in range(len(BIN_EDGES[by]) - 1) if (index == i).sum() >= MIN_BIN_WINDOWS)))
+                for i in range(len(edges) - 1) if (index == i).sum() >= MIN_BIN_WINDOWS)))
     return out
 
 

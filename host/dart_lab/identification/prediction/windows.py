@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, IntArray
-from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart import Grid, Recording
 
 # [s] The last is the length of a window of the evaluation.
 HORIZONS = (0.5, 1.0, 2.0)
@@ -28,7 +28,7 @@ CLEAN_SAMPLES = 208
 MIN_FOLLOWING = 220
 # Samples before a start that must be good.
 CLEAN_BEFORE = 8
-# [m/s] The dynamic model is neither valid nor scored below it.
+# [m/s] The dynamic model of a car of 1:10 is neither valid nor scored below it.
 MIN_WINDOW_SPEED = 0.3
 
 
@@ -54,8 +54,13 @@ def find_windows(g: Grid, every: int = START_STRIDE, clean: int = CLEAN_SAMPLES,
     start: IntArray = np.arange(FIRST_START, max(len(g) - tail, FIRST_START), every, dtype=np.int64)
     total = np.concatenate([[0], np.cumsum(g.bad)])
     sound = total[start + clean] == total[start - CLEAN_BEFORE]
-    moves = g.v_x[start] > MIN_WINDOW_SPEED
+    moves = g.v_x[start] > MIN_WINDOW_SPEED * g.scale.speed
     return Windows(start[sound & moves], int((~moves).sum()), int((moves & ~sound).sum()))
+
+
+def least_speed(recording: Recording) -> float:
+    """Return the speed [m/s] above which a window of a recording starts."""
+    return MIN_WINDOW_SPEED * recording.scale.speed
 
 
 def is_covered(windows: Windows, n: int) -> BoolArray:

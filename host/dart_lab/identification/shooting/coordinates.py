@@ -17,8 +17,10 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import bounds, make_setter, value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 
-# Prior standard deviations [SI units] of additive parameters, by name or group.
+# Prior standard deviations [SI units] of additive parameters of a car of 1:10, by name or group.
+# Times are those of servos and do not scale with the car.
 PRIOR_AMOUNTS = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
 # Prior standard deviation of the logarithm of all others: a factor of two.
 PRIOR_LOG_STD = 0.7
@@ -42,7 +44,8 @@ class Coordinates:
         self.names = names
         self._vehicle = make_setter(base, names)
         self._start = np.array([value(base, name) for name in names])
-        usual_amounts = {**PRIOR_AMOUNTS, **amounts}
+        drag = PRIOR_AMOUNTS["friction.c"] * find_scale(base.body).factor("N s/m")
+        usual_amounts = {**PRIOR_AMOUNTS, "friction.c": drag, **amounts}
         amount = [usual_amounts.get(n, usual_amounts.get(n.partition(".")[0])) for n in names]
         self._log = np.array([a is None for a in amount])
         zero = [n for n, log, number in zip(names, self._log, self._start, strict=True)

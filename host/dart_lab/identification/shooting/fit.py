@@ -32,6 +32,7 @@ from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 from dart_lab.identification.prediction.rollout import label_stretches
 
@@ -62,7 +63,7 @@ NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_
             "body.wheelbase", "body.l_f", "body.l_r")
 SPEED_LOOP_NAMES = ("gain", "max_force")
 AXLE_TYRE_NAMES = ("front_D", "front_B", "rear_D", "rear_B")
-# [m/s, m/s, rad/s] Typical errors of a first model after one second.
+# [m/s, m/s, rad/s] Typical errors of a first model of a car of 1:10 after one second.
 FIRST_ERRORS = (0.15, 0.05, 0.4)
 # [typical errors] Larger residuals count less than their square.
 LOSS_SCALE = 2.0
@@ -132,7 +133,9 @@ def fit_jointly(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str
     names = (*results, *(n for n in NUISANCE if n in present and (known or {}).get(n, 0.0) > 0.0))
     space = Coordinates(base, names, known or {})
     work = _JointProblem(problem, space, base.body.l_r, progress)
-    scale = np.broadcast_to(np.array(FIRST_ERRORS)[:, None], (*problem.measured.shape[:2], 1))
+    car = find_scale(base.body)
+    first_errors = np.array(FIRST_ERRORS) * [car.speed, car.speed, car.yaw_rate]
+    scale = np.broadcast_to(first_errors[:, None], (*problem.measured.shape[:2], 1))
     x = space.first
     # 1. Fit, with the scale of the residuals from the pass before.
     for _ in range(PASSES):

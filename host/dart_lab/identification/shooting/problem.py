@@ -51,7 +51,7 @@ class ShootingProblem:
             raise RecordingError(
                 "no stretch of these recordings can be predicted",
                 found=f"{len(grids)} recording(s) without {PREDICTION_TIME} s of good motion "
-                      f"capture above {MIN_WINDOW_SPEED} m/s",
+                      f"capture above {MIN_WINDOW_SPEED * grids[0].scale.speed:.2g} m/s",
                 expected="motion capture of a moving car",
                 remedy="dart-hal data check FILES says what is wrong with them")
         return cls(parts, measured_states(parts, READ_OFFSETS)[:, 3:])
@@ -82,9 +82,10 @@ class ShootingProblem:
 
 
 def _stays_fast(g: Grid, first: IntArray) -> BoolArray:
-    """Return whether a window (n,) stays above MIN_WINDOW_SPEED until its last read-out.
+    """Return whether a window (n,) stays above the speed of a window until its last read-out.
 
     The measured velocity of a car that comes to rest is smoothed over the stop, and friction at
     rest would have to explain that.
     """
-    return np.asarray(np.all([g.v_x[first + at] > MIN_WINDOW_SPEED for at in READ_OFFSETS], axis=0))
+    least = MIN_WINDOW_SPEED * g.scale.speed
+    return np.asarray(np.all([g.v_x[first + at] > least for at in READ_OFFSETS], axis=0))

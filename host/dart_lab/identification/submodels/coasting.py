@@ -16,6 +16,7 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.submodels.guess import first_guess
 from dart_lab.identification.submodels.speeds import THROTTLE_MEMORY, Speeds
 from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, StraightFit, solve_straight
@@ -110,10 +111,12 @@ def _fit_friction(series: Sequence[Speeds], sessions: Sequence[str], base: Vehic
     """Fit a, b, c to coasting, or a and c if the dry friction is too sharp to identify b."""
     if sum(map(len, series)) < MIN_COASTING_SAMPLES:
         return None
+    scale = find_scale(base.body)
     s = cut_stretches(series)
     start = first_guess(series, base, mass)
     fit = solve_straight(series, s, base, start, FRICTION_NAMES, mass)
-    used, owners = _trim_to_moving(series, sessions, s, s.v + fit.residual)
+    used, owners = _trim_to_moving(series, sessions, s, s.v + fit.residual,
+                                   MIN_MODEL_SPEED * scale.speed)
     if sum(map(len, used)) < MIN_COASTING_SAMPLES:
         return None
     s = cut_stretches(used)
@@ -124,7 +127,7 @@ def _fit_friction(series: Sequence[Speeds], sessions: Sequence[str], base: Vehic
     fit = solve_straight(used, s, base, fit.x, FRICTION_NAMES, mass, session)
     if "b" in fit.stopped:
         start = fit.x.copy()
-        start[1] = max(base.friction.b, SHARP_FRICTION_B)
+        start[1] = max(base.friction.b, SHARP_FRICTION_B * scale.factor("s/m"))
         fit = solve_straight(used, s, base, start, ("a", "c"), mass, session)
     return _widen_b_error(fit)
 
@@ -140,9 +143,9 @@ def _widen_b_error(fit: StraightFit) -> StraightFit:
 
 
 def _trim_to_moving(series: Sequence[Speeds], sessions: Sequence[str], s: Stretches,
-                    reading: FloatArray
+                    reading: FloatArray, least: float
                     ) -> tuple[list[Speeds], list[str]]:
-    """Keep the samples at which the model's reading (n,) is above MIN_MODEL_SPEED.
+    """Keep the samples at which the model's reading (n,) is above ``least`` [m/s].
 
     Returns the series that remain, and their sessions.
     """
@@ -151,7 +154,7 @@ def _trim_to_moving(series: Sequence[Speeds], sessions: Sequence[str], s: Stretc
     names = []
     for i, (one, name) in enumerate(zip(series, sessions, strict=True)):
         mine = owner == i
-        fast = s.t[mine][reading[mine] >= MIN_MODEL_SPEED]
+        fast = s.t[mine][reading[mine] >= least]
         kept = select_runs(one, np.isin(one.t, fast))
         if kept is not None:
             used.append(kept)

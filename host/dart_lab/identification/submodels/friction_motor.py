@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.submodels.coasting import FRICTION_NAMES
 from dart_lab.identification.submodels.driving import MOTOR_NAMES, TIMING_NAMES, StraightDriving
@@ -65,7 +66,8 @@ def _notes(submodel: str, d: StraightDriving, fit: StraightFit, base: Vehicle,
            mass: FittedParameter | None
            ) -> list[str]:
     kilograms = base.body.mass if mass is None else mass.value
-    out = [f"straight driving only (|yaw rate| < {MAX_YAW_RATE} rad/s, |steering| < "
+    turning = MAX_YAW_RATE * find_scale(base.body).yaw_rate
+    out = [f"straight driving only (|yaw rate| < {turning:.2g} rad/s, |steering| < "
            f"{MAX_STEERING}): {d.driven} driven and {d.coasting} coasting samples, "
            f"{d.slowest:.2f} to {d.fastest:.2f} m/s"]
     out.append(f"forces for a mass of {kilograms:g} kg"

@@ -12,15 +12,16 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.submodels.speeds import Speeds
 
 # Samples to each side: differences over 0.4 s.
 DIFFERENCE_SPAN = 2
 # [s] The throttle must not change from this time before a difference until its end.
 CONSTANT_THROTTLE_TIME = 0.2
-# [m/s] The dry friction is complete above it.
+# [m/s] The dry friction of a car of 1:10 is complete above it.
 MIN_GUESS_SPEED = 0.3
-# [s/m], [s] Not guessed.
+# [s/m] of a car of 1:10, [s]. Not guessed.
 START_B = 10.0
 START_LAG = 0.05
 MIN_GUESS_ROWS = 12
@@ -48,21 +49,23 @@ def first_guess(series: Sequence[Speeds], base: Vehicle, mass: float) -> FloatAr
     """Guess (8,) in the order of STRAIGHT_NAMES; the base's values where data are missing."""
     f = base.friction
     m = base.duty_motor
-    out = np.array([f.a, START_B, f.c, m.d, m.e, m.g, 0.0, START_LAG])
+    scale = find_scale(base.body)
+    least = MIN_GUESS_SPEED * scale.speed
+    out = np.array([f.a, START_B * scale.factor("s/m"), f.c, m.d, m.e, m.g, 0.0, START_LAG])
     rows = differences(series)
-    coast = rows[(rows[:, 0] == 0.0) & (rows[:, 1] > MIN_GUESS_SPEED)]
+    coast = rows[(rows[:, 0] == 0.0) & (rows[:, 1] > least)]
     if len(coast) >= MIN_GUESS_ROWS:
         a, c = np.linalg.lstsq(np.column_stack([np.ones(len(coast)), coast[:, 1]]),
                                -mass * coast[:, 2], rcond=None)[0]
-        out[0] = max(float(a), 0.1)
-        out[2] = max(float(c), 0.01)
-    drive = rows[(rows[:, 0] > 0.05) & (rows[:, 1] > MIN_GUESS_SPEED)]
+        out[0] = max(float(a), 0.1 * scale.force)
+        out[2] = max(float(c), 0.01 * scale.factor("N s/m"))
+    drive = rows[(rows[:, 0] > 0.05) & (rows[:, 1] > least)]
     if len(drive) >= MIN_GUESS_ROWS and np.ptp(drive[:, 0]) > 0.05:
         tau = drive[:, 0]
         v = drive[:, 1]
         force = mass * drive[:, 2] + out[0] + out[2] * v
         shape = np.column_stack([tau, np.ones(len(v)), -v * tau])
         d, dg, e = np.linalg.lstsq(shape, force - m.e * m.g * -v, rcond=None)[0]
-        if d > 1.0 and -0.4 < dg / d < 0.0:
-            out[3:6] = d, max(float(e), 0.1), dg / d
+        if d > scale.force and -0.4 < dg / d < 0.0:
+            out[3:6] = d, max(float(e), 0.1 * scale.factor("N s/m")), dg / d
     return out

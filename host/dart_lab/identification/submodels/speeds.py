@@ -18,11 +18,11 @@ from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_re
 from dart_lab.identification.prediction.commands import LoggedCommand, message_step, throttle_of
 from dart_lab.identification.submodels.report import Ledger
 
-# [rad/s] The steered wheels brake by l_r omega^2 = 0.024 m/s2 there.
+# [rad/s] of a car of 1:10. The steered wheels brake by l_r omega^2 = 0.024 m/s2 there.
 MAX_YAW_RATE = 0.5
 # [command]
 MAX_STEERING = 0.25
-# [m/s] Also at least two counts of the encoder.
+# [m/s] of a car of 1:10. Also at least two counts of the encoder.
 MIN_MOVING_SPEED = 0.08
 # [m/s2] Harder launches spin the wheels, and an error of the delay costs too much.
 MAX_ACCEL = 4.0
@@ -118,7 +118,8 @@ def read_speeds(recording: Recording, reference: Reference | None, ledger: Ledge
     keep = np.flatnonzero(found.run >= 0)
     used = int((~found.tail[keep]).sum())
     reasons = [f"speed from the {found.source}"]
-    reasons += [] if len(keep) else [f"no straight driving (|yaw rate| < {MAX_YAW_RATE} rad/s, "
+    reasons += [] if len(keep) else [f"no straight driving (|yaw rate| < "
+                                     f"{MAX_YAW_RATE * recording.scale.yaw_rate:.2g} rad/s, "
                                      f"|steering| < {MAX_STEERING}, throttle >= 0)"]
     ledger.add(recording.name, used, len(found) - used, reasons)
     return found.select(keep) if len(keep) else None
@@ -126,12 +127,13 @@ def read_speeds(recording: Recording, reference: Reference | None, ledger: Ledge
 
 def _from_encoder(recording: Recording) -> Speeds:
     m = recording.messages
-    least = max(MIN_MOVING_SPEED, 2.0 * (recording.quantum or 0.0) - 0.015)
+    least = max(MIN_MOVING_SPEED * recording.scale.speed, 2.0 * (recording.quantum or 0.0) - 0.015)
     moves = np.isfinite(m.speed) & (m.speed >= least)
     slow = ~moves
     # The windows of the first and the last sample of a run may contain a part of the standstill.
     moves = moves & ~np.append(False, slow[:-1]) & ~np.append(slow[1:], False)
-    straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE) & (np.abs(m.steering) < MAX_STEERING)
+    straight = (np.abs(m.yaw_rate) < MAX_YAW_RATE * recording.scale.yaw_rate)
+    straight &= (np.abs(m.steering) < MAX_STEERING)
     usable = (straight & np.isfinite(m.speed) & ~_is_braking(m.t, m.throttle, m.t)
               & ~_is_launch(m.t, m.speed))
     run, tail = _find_runs(moves & usable, usable, np.diff(m.segment) != 0)
@@ -150,10 +152,11 @@ def _from_mocap(recording: Recording, g: Grid) -> Speeds:
     v = g.v_x[::MOCAP_STRIDE]
     good = ~np.maximum.reduceat(g.bad, np.arange(0, len(g), MOCAP_STRIDE))
     turning = np.maximum.reduceat(np.abs(g.omega), np.arange(0, len(g), MOCAP_STRIDE))
-    usable = (good & (turning < MAX_YAW_RATE) & (np.abs(g.steering[::MOCAP_STRIDE]) < MAX_STEERING)
+    usable = (good & (turning < MAX_YAW_RATE * g.scale.yaw_rate)
+              & (np.abs(g.steering[::MOCAP_STRIDE]) < MAX_STEERING)
               & ~_is_braking(recording.messages.arrival, recording.messages.throttle, t)
               & ~_is_launch(t, v))
-    run, tail = _find_runs(usable & (v > MIN_MOVING_SPEED), usable,
+    run, tail = _find_runs(usable & (v > MIN_MOVING_SPEED * g.scale.speed), usable,
                            np.zeros(len(t) - 1, dtype=bool))
     throttle = throttle_of(recording, recording.messages.arrival)
     return Speeds(recording.name, t, v, run, tail, throttle,

@@ -25,7 +25,7 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_lab.identification.submodels.report import Ledger
 from dart_lab.identification.submodels.speeds import MOCAP_STRIDE, mocap_grid
 
-# [m/s]
+# [m/s] of a car of 1:10.
 MIN_STEADY_SPEED = 0.3
 # [m/s2] Slip is not proportional to v^2 beyond it.
 MAX_STEADY_LATERAL = 2.0
@@ -76,7 +76,8 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
     if turn is None:
         ledger.add(recording.name, 0, len(recording.messages), ["steering: no speed measured"])
         return None
-    moving = turn.good & (turn.speed > MIN_STEADY_SPEED)
+    least = MIN_STEADY_SPEED * recording.scale.speed
+    moving = turn.good & (turn.speed > least)
     steady = moving & _is_steady(turn, recording.quantum or 0.0)
     use = steady & (np.abs(turn.speed * turn.yaw_rate) < MAX_STEADY_LATERAL)
     slope = wheelbase * turn.yaw_rate / np.where(moving, turn.speed, 1.0)
@@ -87,7 +88,7 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
         use = use & ((age > MIN_COMMAND_AGE) | (direction == 0.0))
     reasons = [f"steering: {int((steady & ~use).sum())} samples slip or follow a change of "
                f"command, {int((moving & ~steady).sum())} change speed"] if moving.any() else [
-        f"steering: nothing above {MIN_STEADY_SPEED} m/s"]
+        f"steering: nothing above {least:.2g} m/s"]
     if earlier:
         reasons.append(f"steering: commands change all the time, taken {earlier:.2f} s earlier")
     ledger.add(recording.name, int(use.sum()), int((~use).sum()), reasons)

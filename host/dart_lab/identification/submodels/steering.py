@@ -28,6 +28,7 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
 from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.submodels.report import PARAMETER_UNITS, Ledger, make_unidentified
 from dart_lab.identification.submodels.steady import (
@@ -55,16 +56,18 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
         if found is not None:
             parts.append((recording, *found))
     base_values = {n: float(getattr(base.steering, n)) for n in PARAMETER_UNITS["steering"]}
+    scale = find_scale(base.body)
     if not parts:
+        least = MIN_STEADY_SPEED * scale.speed
         return make_unidentified("steering", base_values,
-                                 [f"no recording turns at more than {MIN_STEADY_SPEED} m/s"])
+                                 [f"no recording turns at more than {least:.2g} m/s"])
     samples = concatenate([s for _, s, _ in parts])
     why = _why_too_little(samples)
     if why:
         return make_unidentified("steering", base_values, [why], time.process_time() - begin)
     square = np.concatenate([q for _, _, q in parts])
     owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
-    slip = estimate_slip_with_prior(samples, square, owner)
+    slip = estimate_slip_with_prior(samples, square, owner, scale)
     fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
                      understeer=slip, robust=True)
     notes = _notes(parts, samples, square, fitted.solution, slip)

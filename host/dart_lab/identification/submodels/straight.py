@@ -27,10 +27,14 @@ from dart_hal.vehicle.fitting.covariance import (
     plain_covariance,
 )
 from dart_hal.vehicle.fitting.free_starts import FreeStarts, fit_free_starts
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.submodels.speeds import Speeds
 from dart_lab.identification.submodels.stretches import Stretches
 
 STRAIGHT_NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")
+# Units by which the parameters scale with the car; times and dead band do not.
+SCALING_UNITS = ("N", "s/m", "N s/m", "N", "N s/m", "-", "-", "-")
+# Bounds for a car of 1:10.
 LOWER_BOUNDS = np.array([0.05, 1.0, 0.0, 1.0, 0.0, -0.5, -0.15, 0.0])
 UPPER_BOUNDS = np.array([10.0, 40.0, 5.0, 150.0, 50.0, 0.0, 0.4, 0.5])
 # Steps of the numerical derivatives.
@@ -132,8 +136,12 @@ def make_problem(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Floa
 
     bands = 0 if group is None else int(group.max()) + 1
     rows_all = rows + [STRAIGHT_NAMES.index("g")] * bands
-    return FreeStarts(predict, s.v, s.stretch, LOWER_BOUNDS[rows_all], UPPER_BOUNDS[rows_all],
-                      SLOPE_STEPS[rows_all], None if group is None else group[s.stretch])
+    scale = find_scale(base.body)
+    size = np.array([scale.factor(unit) for unit in SCALING_UNITS])
+    low, high, step = ((size * limit)[rows_all]
+                       for limit in (LOWER_BOUNDS, UPPER_BOUNDS, SLOPE_STEPS))
+    return FreeStarts(predict, s.v, s.stretch, low, high, step,
+                      None if group is None else group[s.stretch])
 
 
 def simulate(series: Sequence[Speeds], s: Stretches, base: Vehicle, p: FloatArray,

@@ -108,8 +108,9 @@ def read_yaw_response(recording: Recording, reference: Reference | None, base: V
     else:
         ledger.add(recording.name, 0, len(m), ["delay: no yaw rate with a speed"])
         return None
-    use = good & (speed > MIN_SPEED) & (np.abs(speed * yaw_rate) < MAX_RESPONSE_LATERAL)
-    why = _why_too_calm(command, t, use)
+    least = MIN_SPEED * recording.scale.speed
+    use = good & (speed > least) & (np.abs(speed * yaw_rate) < MAX_RESPONSE_LATERAL)
+    why = _why_too_calm(command, t, use, least)
     ledger.add(recording.name, 0 if why else int(use.sum()),
                len(use) if why else int((~use).sum()), [f"delay: {why}"] if why else [])
     if why:
@@ -120,9 +121,9 @@ def read_yaw_response(recording: Recording, reference: Reference | None, base: V
                        split_into_blocks(t[use], group, BLOCK_LENGTH), source)
 
 
-def _why_too_calm(command: LoggedCommand, t: FloatArray, use: BoolArray) -> str:
+def _why_too_calm(command: LoggedCommand, t: FloatArray, use: BoolArray, least: float) -> str:
     if use.sum() < LEAST:
-        return f"fewer than {LEAST} samples above {MIN_SPEED} m/s"
+        return f"fewer than {LEAST} samples above {least:.2g} m/s"
     index = np.clip(np.searchsorted(command.t, t[use], side="right") - 1, 0, None)
     held = command.value[index]
     changes = int((np.diff(held) != 0.0).sum())

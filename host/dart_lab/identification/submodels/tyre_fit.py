@@ -31,7 +31,7 @@ YAW_STD = 0.01
 TRIM_STD = 0.02
 # Samples that share one error (1 s): the priors are weighed against that many.
 CORRELATED_SAMPLES = 10.0
-# Bounds of D [N], C, B [1/rad], C_r [N/rad].
+# Bounds of D [N], C, B [1/rad], C_r [N/rad] of a car of 1:10.
 MIN_PARAMETERS = np.array([0.2, 0.6, 0.5, 1.0])
 MAX_PARAMETERS = np.array([60.0, 2.0, 150.0, 300.0])
 # Relative error of D, B and C_r from kernels, products of smoothed values and the curve's form.
@@ -111,13 +111,15 @@ def _guess(parts: Sequence[TyreForces], masks: Sequence[BoolArray], shape: float
     """Return a start: slopes through the origin, and the front's largest force as D."""
     alpha = np.concatenate([p.smooth(p.alpha_f) for p in parts])
     force = np.concatenate([p.force_f for p in parts])
+    size = parts[0].force_scale
     small = np.abs(alpha) < 0.08
     use = small if small.sum() > 50 else np.ones(len(alpha), dtype=bool)
-    front = max(float(alpha[use] @ force[use]) / max(float(alpha[use] @ alpha[use]), 1e-9), 2.0)
+    slope = float(alpha[use] @ force[use]) / max(float(alpha[use] @ alpha[use]), 1e-9)
+    front = max(slope, 2.0 * size)
     behind = np.concatenate([p.smooth(p.alpha_r)[m] for p, m in zip(parts, masks, strict=True)])
     pull = np.concatenate([p.force_r[m] for p, m in zip(parts, masks, strict=True)])
-    rear = max(float(behind @ pull) / max(float(behind @ behind), 1e-9), 2.0)
-    peak = max(float(np.quantile(np.abs(force), 0.95)), 1.0)
+    rear = max(float(behind @ pull) / max(float(behind @ behind), 1e-9), 2.0 * size)
+    peak = max(float(np.quantile(np.abs(force), 0.95)), size)
     c = 1.2 if shape is None else shape
     x = [peak, c, front / peak / c, rear]
     return np.array([v for i, v in enumerate(x) if shape is None or i != 1]
@@ -137,7 +139,9 @@ class _TyreProblem:
 
     def solve(self, start: FloatArray, robust: float | None) -> Solution:
         extra = np.full(2 * len(self.parts), 0.2)
-        low, high = np.append(MIN_PARAMETERS, -extra), np.append(MAX_PARAMETERS, extra)
+        size = np.array([self.parts[0].force_scale, 1.0, 1.0, self.parts[0].force_scale])
+        low, high = (np.append(size * MIN_PARAMETERS, -extra),
+                     np.append(size * MAX_PARAMETERS, extra))
         if self.shape is not None:
             low, high = np.delete(low, 1), np.delete(high, 1)
         return least_squares(self.residual, start.tolist(), (low.tolist(), high.tolist()),

@@ -19,6 +19,7 @@ from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_der
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
 from dart_hal.vehicle.fitting.covariance import split_into_blocks
 from dart_hal.vehicle.inverse import make_inverse_dynamics
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.prediction.commands import steering_of
 from dart_lab.identification.submodels.report import Ledger
 from dart_lab.identification.submodels.speeds import (
@@ -45,7 +46,7 @@ class TyreForces:
 
     alpha_f, alpha_r (n,) [rad] on the whole grid; rows (k,): samples that are used; force_f,
     force_r (k,) [N] at these, in the frames of the tyres; kernel (j,): weights; block (k,);
-    lateral (k,) [m/s2].
+    lateral (k,) [m/s2]; force_scale: forces of the car over those of 1:10.
     """
 
     name: str
@@ -57,6 +58,7 @@ class TyreForces:
     kernel: FloatArray
     block: IntArray
     lateral: FloatArray
+    force_scale: float = 1.0
 
     def smooth(self, force: FloatArray) -> FloatArray:
         """Smooth a force (n,) on the grid by the derivative's kernel; return it at ``rows``."""
@@ -80,7 +82,8 @@ def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
     delta = _angle(recording, g, car, kernel)
     alpha_f, alpha_r = make_slip(car.body, np)(g.v_x, g.v_y, g.omega, np.cos(delta),
                                                np.sin(delta))
-    good = (~g.bad) & (g.v_x > MIN_SLIP_SPEED) & (np.abs(alpha_f) < MAX_FRONT_SLIP)
+    least = MIN_SLIP_SPEED * g.scale.speed
+    good = (~g.bad) & (g.v_x > least) & (np.abs(alpha_f) < MAX_FRONT_SLIP)
     edge = len(kernel)
     good[:edge] = good[-edge:] = False
     rows = np.flatnonzero(good)
@@ -89,7 +92,7 @@ def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
     if not excited:
         rows = rows[:0]
     ledger.add(recording.name, len(rows), len(g) // FORCE_STRIDE - len(rows),
-               [] if len(rows) else [f"tyres: hardly anything above {MIN_SLIP_SPEED} m/s and "
+               [] if len(rows) else [f"tyres: hardly anything above {least:.2g} m/s and "
                                      f"{MIN_LATERAL} m/s2"])
     if not len(rows):
         return None
@@ -97,7 +100,8 @@ def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
     group = np.concatenate([[0], np.cumsum(np.diff(rows) > 5 * FORCE_STRIDE)]).astype(np.int64)
     return TyreForces(recording.name, np.asarray(alpha_f), np.asarray(alpha_r), rows,
                       front[rows], rear[rows], kernel,
-                      split_into_blocks(g.t[rows], group, BLOCK_LENGTH), lateral[rows])
+                      split_into_blocks(g.t[rows], group, BLOCK_LENGTH), lateral[rows],
+                      find_scale(car.body).force)
 
 
 def smoothing_weights(kernel: Kernel) -> FloatArray:

@@ -20,7 +20,8 @@ from dart_lab.identification.submodels.tyre_forces import MIN_LATERAL, TyreForce
 from dart_lab.identification.submodels.understeer import describe_understeer
 
 CURVE_NAMES = ("front_D", "front_C", "front_B", "rear_cornering_stiffness")
-# [N, N/rad, N/rad] Standard deviations of D, BCD and C_r that a session does not identify.
+# [N, N/rad, N/rad] of a car of 1:10: standard deviations of D, BCD and C_r that a session does not
+# identify.
 UNKNOWN_STD = np.array([20.0, 100.0, 100.0])
 # Samples of 0.1 s that a session needs.
 MIN_SESSION_FORCES = 100
@@ -112,9 +113,10 @@ def _fit_sessions(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[TyreCur
 
     1. Fit D, B and C_r of each session with C fixed.
     2. Transform to (D, BCD, C_r): these mean the same on every floor, B by itself does not.
-    3. Replace what a session does not identify by 0 +- UNKNOWN_STD.
+    3. Replace what a session does not identify by 0 +- unknown_std.
     4. Average, and transform back to (D, C, B, C_r).
     """
+    unknown_std = UNKNOWN_STD * next(iter(sessions.values()))[0].force_scale
     fits = {name: fit_curves(parts, FIXED_SHAPE) for name, parts in sessions.items()}
     points = []
     errors = []
@@ -128,9 +130,9 @@ def _fit_sessions(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[TyreCur
         reaches_bend = _reaches_bend(sessions[name], fit.x[2])
         useless = np.array([not reaches_bend or fit.stopped[0] or fit.stopped[2],
                             fit.stopped[0] or fit.stopped[2], fit.stopped[3]])
-        useless = useless | (np.sqrt(np.diag(own)) > UNKNOWN_STD) | (not fit.converged)
+        useless = useless | (np.sqrt(np.diag(own)) > unknown_std) | (not fit.converged)
         own[useless, :] = own[:, useless] = 0.0
-        own[useless, useless] = UNKNOWN_STD[useless] ** 2
+        own[useless, useless] = unknown_std[useless] ** 2
         points.append([fit.x[0], fit.stiffness, fit.x[3]])
         errors.append(own)
         if not useless.all():

@@ -20,6 +20,7 @@ from dart_hal.calibration.samples import LEVEL_WIDTH, Samples, concatenate
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.scale import Scale, find_scale
 from dart_lab.identification.submodels.report import Ledger
 from dart_lab.identification.submodels.steady import steady_samples
 
@@ -27,28 +28,30 @@ from dart_lab.identification.submodels.steady import steady_samples
 STRETCH_SAMPLES = 20
 # Samples of the shortest stretch that counts.
 MIN_MEAN_SAMPLES = 5
-# [m/s] Least difference between the speeds of one command; less is counting noise.
+# [m/s] of a car of 1:10. Least difference between the speeds of one command; less is counting
+# noise.
 MIN_SPEED_RANGE = 0.2
 # [rad] Least error of a stretch's mean angle (backlash, floor).
 MIN_ANGLE_STD = 0.01
 
 
-def estimate_slip_with_prior(samples: Samples, square: FloatArray, owner: IntArray
+def estimate_slip_with_prior(samples: Samples, square: FloatArray, owner: IntArray, scale: Scale
                              ) -> tuple[float, float]:
     """Estimate (kappa, std) [s2/m2] from data and prior; arguments as ``estimate_slip``."""
-    found = estimate_slip(samples, square, owner)
+    found = estimate_slip(samples, square, owner, scale)
+    prior_std = UNDERSTEER_STD * scale.factor("s2/m2")
     if found is None:
-        return 0.0, UNDERSTEER_STD
+        return 0.0, prior_std
     value, std = found
-    precision = 1.0 / UNDERSTEER_STD**2 + 1.0 / std**2
+    precision = 1.0 / prior_std**2 + 1.0 / std**2
     return value / std**2 / precision, float(precision**-0.5)
 
 
-def estimate_slip(samples: Samples, square: FloatArray, owner: IntArray
+def estimate_slip(samples: Samples, square: FloatArray, owner: IntArray, scale: Scale
                   ) -> tuple[float, float] | None:
     """Estimate (kappa, std) [s2/m2]; None if no command was driven at two speeds.
 
-    square (n,): v^2; owner (n,): recording of each sample.
+    square (n,): v^2; owner (n,): recording of each sample. scale: of the car.
     """
     # 1. Means over stretches, so that the counting noise of v does not enter both sides.
     index = _label_stretches(samples.block)
@@ -68,7 +71,8 @@ def estimate_slip(samples: Samples, square: FloatArray, owner: IntArray
     low = np.full(group.max() + 1, np.inf)
     np.maximum.at(top, group, np.where(count >= MIN_MEAN_SAMPLES, speed, 0.0))
     np.minimum.at(low, group, np.where(count >= MIN_MEAN_SAMPLES, speed, np.inf))
-    weight = ((count >= MIN_MEAN_SAMPLES) & (top - low > MIN_SPEED_RANGE)[group]).astype(np.float64)
+    least = MIN_SPEED_RANGE * scale.speed
+    weight = ((count >= MIN_MEAN_SAMPLES) & (top - low > least)[group]).astype(np.float64)
     # 3. Regress the angle on -v^2 sin(2 delta) / 2, both centred within their group.
     total = np.maximum(np.bincount(group, weight), 1e-12)
     x = effect - (np.bincount(group, weight * effect) / total)[group]
@@ -106,7 +110,7 @@ def estimate_understeer(recordings: Sequence[Recording], reference: Reference | 
         return None
     owner = np.repeat(np.arange(len(parts)), [len(s) for s, _ in parts])
     return estimate_slip(concatenate([s for s, _ in parts]),
-                         np.concatenate([q for _, q in parts]), owner)
+                         np.concatenate([q for _, q in parts]), owner, find_scale(car.body))
 
 
 def describe_understeer(recordings: Sequence[Recording], reference: Reference | None, car: Vehicle
@@ -115,7 +119,8 @@ def describe_understeer(recordings: Sequence[Recording], reference: Reference | 
     found = estimate_understeer(recordings, reference, car)
     if found is None:
         return ("on-board sensors identify at most the understeer gradient, and that from one "
-                "steering command held at two speeds that differ by 0.2 m/s and more: drive that")
+                "steering command held at two speeds that differ by "
+                f"{MIN_SPEED_RANGE * find_scale(car.body).speed:.2g} m/s and more: drive that")
     value, std = found
     scale = car.body.wheelbase**2 / car.body.mass
     return (f"on-board sensors identify one combination: understeer gradient {value:+.4f} +- "
