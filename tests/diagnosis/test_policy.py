@@ -13,6 +13,7 @@ import pytest
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale
 from dart_lab.diagnosis import policy as module
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
@@ -59,6 +60,17 @@ def test_a_policy_is_frozen_and_equal_to_its_like():
         USUAL.naming = USUAL.naming
     assert Policy() == USUAL
     assert changed(USUAL, "naming.min_kept_share", 1.0) != USUAL
+
+
+def test_thresholds_of_1_10_are_those_of_the_scale_1_and_others_follow_the_car():
+    assert USUAL.at_scale(REFERENCE_SCALE) == USUAL
+    large = USUAL.at_scale(Scale(length=16.0, force=512.0))
+    assert large.inputs.min_speed == 4.0 * USUAL.inputs.min_speed
+    assert large.inputs.min_yaw_rate == 0.25 * USUAL.inputs.min_yaw_rate
+    assert large.evidence.rotation_radius == 16.0 * USUAL.evidence.rotation_radius
+    assert large.unexplained.max_waves == USUAL.unexplained.max_waves / 16.0
+    assert large.inputs.max_lateral_accel == USUAL.inputs.max_lateral_accel, "an acceleration"
+    assert large.noise == USUAL.noise, "of sensors"
 
 
 def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():

@@ -19,7 +19,9 @@ from dart_hal.recording.dart import RUN, Recording
 from dart_hal.recording.dart.one_car import refuse_several_cars
 from dart_hal.vehicle.effects import catalogue, find_effect, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.drive_form import check_drive
+from dart_lab.identification.prediction.windows import least_speed
 from dart_lab.report.numbers import shorten_list
 
 from .evidence.agreement import check_model, check_units, drop_dead_gyro
@@ -68,6 +70,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     recordings in both sets or a motor of another form, RecordingError where nothing can be
     diagnosed, OtherCar for a model that steers the other way.
     """
+    policy = policy.at_scale(find_scale(p.body))
     refuse_overlap(train, test)
     refuse_several_cars([*train, *test])
     check_drive([*train, *test], p)
@@ -207,7 +210,7 @@ def _drop_stationary(recordings: list[Recording], notes: list[str]) -> list[Reco
     if recordings and len(still) == len(recordings):
         raise RecordingError(
             "the car does not drive in these recordings, so they show no error of its model",
-            found=f"{len(recordings)} recording(s), none above 0.3 m/s",
+            found=f"{len(recordings)} recording(s), none above {least_speed(still[0]):.2g} m/s",
             expected="driving with steering and throttle that change", read=still[0].name,
             remedy="dart-hal experiment drives and records")
     driving = [r for r in recordings if r not in still or r.mocap is None]
@@ -222,7 +225,8 @@ def _check_duration(recordings: Sequence[Recording], min_s: float, which: str) -
     if seconds < min_s:
         raise RecordingError(
             f"too little driving to {which}" + (" on" if which == "train" else ""),
-            found=f"{seconds:.1f} s above 0.3 m/s in {len(recordings)} recording(s)",
+            found=f"{seconds:.1f} s above {least_speed(recordings[0]):.2g} m/s in "
+                  f"{len(recordings)} recording(s)",
             expected=f"at least {min_s:g} s, better a minute",
             read=shorten_list([r.name for r in recordings]),
             likely="cut-off recordings, or the car hardly moved",

@@ -4,11 +4,17 @@
 those from 100 on (docs/results/campaign.md). The effect of half and double of each threshold:
 docs/results/policy_sensitivity.md. A loss is in squared standard deviations of one independent
 residual, so 4.0 is two standard deviations of one number.
+
+Speeds, yaw rates and lengths are those of a car of 1:10; ``Policy.at_scale`` gives those of another
+car. Times are those of servos, messages and sensors, which do not shrink with a car, and
+accelerations are the same for cars of all sizes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+from dart_hal.vehicle.scale import Scale
 
 # Time that is held out together [s]: the disturbance is correlated over 0.15 s, and a
 # prediction takes 1 s.
@@ -36,6 +42,7 @@ class InputPolicy:
     max_quartile_ratio: float = 1.5  # third over first quartile of a ratio that is one factor
     min_correlation: float = 0.8  # and share of one sign, above which a factor is reported
     min_yaw_rate: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``min_speed``
+    min_lateral_accel: float = 0.2  # m/s2; below, an accelerometer is not compared with the motion
     min_speed: float = 0.5  # m/s; below 0.2 the encoder counts too little
     max_lateral_accel: float = 2.0  # m/s2 sideways, below which a car rolls without slip
     min_wheel_angle: float = 0.1  # rad at the wheels: five times a large trim
@@ -43,6 +50,11 @@ class InputPolicy:
     angle_change_s: float = 0.3  # s ... in this time, twice the steering delay
     max_curvature_factor: float = 2.0  # of the curvature; beyond, the model is of another car
     min_gyro_rate: float = 1e-6  # rad/s, below one count of any gyro: a dead one
+
+    def at_scale(self, scale: Scale) -> InputPolicy:
+        """Return the thresholds for a car of that scale."""
+        return replace(self, min_yaw_rate=self.min_yaw_rate * scale.yaw_rate,
+                       min_speed=self.min_speed * scale.speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +70,18 @@ class EvidencePolicy:
     min_encoder_speed: float = 0.2  # m/s; below it an encoder counts too little to be judged
     min_level_std: float = 0.05  # m/s2; a floor is level to 5 mrad at best, for any sensor
     min_forward_throttle: float = -0.01  # below it a car may reverse; an encoder has no sign
+    rotation_radius: float = 0.1  # m from the centre, where turning counts as motion
+
+    def at_scale(self, scale: Scale) -> EvidencePolicy:
+        """Return the thresholds for a car of that scale."""
+        return replace(
+            self, max_yaw_rate_bend=self.max_yaw_rate_bend * scale.yaw_rate,
+            max_accel_bend=self.max_accel_bend * scale.yaw_rate,
+            max_rest_yaw_rate=self.max_rest_yaw_rate * scale.yaw_rate,
+            max_speed_bend=self.max_speed_bend * scale.speed,
+            max_rest_speed=self.max_rest_speed * scale.speed,
+            min_encoder_speed=self.min_encoder_speed * scale.speed,
+            rotation_radius=self.rotation_radius * scale.length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +226,12 @@ class UnexplainedPolicy:
     ridge: float = 10.0  # of residuals of size 1: structure of a tenth of the variance
     sign_flips: int = 49  # with turned signs; their median is what chance explains
     max_straight_angle: float = 0.03  # rad of steering; half of it is neither left nor right
+    max_waves: float = 1.5  # per metre; a prediction averages over half a metre
+
+    def at_scale(self, scale: Scale) -> UnexplainedPolicy:
+        """Return the thresholds for a car of that scale."""
+        return replace(self, encoder=self.encoder * scale.speed,
+                       max_waves=self.max_waves / scale.length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,6 +277,12 @@ class Policy:
     unexplained: UnexplainedPolicy = field(default_factory=UnexplainedPolicy)
     conclusion: ConclusionPolicy = field(default_factory=ConclusionPolicy)
     suggest: SuggestPolicy = field(default_factory=SuggestPolicy)
+
+    def at_scale(self, scale: Scale) -> Policy:
+        """Return the thresholds for a car of that scale; those of 1:10 are for the scale 1."""
+        return replace(self, inputs=self.inputs.at_scale(scale),
+                       evidence=self.evidence.at_scale(scale),
+                       unexplained=self.unexplained.at_scale(scale))
 
 
 USUAL = Policy()

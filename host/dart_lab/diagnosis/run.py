@@ -15,6 +15,7 @@ from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_hal.vehicle.sizes import list_stated_errors
 from dart_lab.identification.evaluation.cases import prepare as prepare_cases
 from dart_lab.identification.shooting.fit import FREE, free_names
@@ -65,7 +66,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
-    of the mocap; None: known or fitted, see ``with_marker_frames``. policy: its thresholds.
+    of the mocap; None: known or fitted, see ``with_marker_frames``. policy: its thresholds, of a
+    car of 1:10.
     predictor: find the best predictor too, see ``find_predictor``. progress(share, what).
     Errors: RecordingError for recordings that hold nothing to predict; UsageError for a predictor
     without a refit, or of fewer than three training recordings with motion capture.
@@ -76,6 +78,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          expected="a predictor estimates all parameters again, effects and "
                                   "numbers together",
                          remedy="leave out --no-refit, or leave out --out-predictor")
+    policy = policy.at_scale(find_scale(vehicle.body))
     l_r = apply_parameter_effects(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
     sizes, only = select_free_sizes(list_stated_errors(model) if refit else {}, only)

@@ -46,7 +46,7 @@ def check_units(r: Recording, policy: InputPolicy = USUAL.inputs) -> None:
         check("W (IMU)", m.yaw_rate, motion.omega, turns, "the motion capture")
     # In a turn without slip the lateral acceleration is yaw rate times speed.
     lateral = motion.omega * motion.speed
-    check("acc y (IMU)", m.accel_y, lateral, np.abs(lateral) > policy.min_yaw_rate,
+    check("acc y (IMU)", m.accel_y, lateral, np.abs(lateral) > policy.min_lateral_accel,
           "yaw rate times speed")
 
 

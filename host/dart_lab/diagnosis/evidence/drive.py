@@ -46,7 +46,6 @@ YAW_RATE_REACH = 5  # samples to each side over which the yaw rate must be strai
 SPEED_REACH = 7  # samples to each side over which the speed must be straight
 MESSAGE_OFFSETS = (-6, -3, 0, 3)  # samples; a message may be older than its stamp
 ENCODER_MEAN_S = 0.1  # s over which a reading is the mean; messages of runs are more frequent
-ROTATION_RADIUS = 0.1  # m from the centre, where turning counts as motion
 BAD_SPEED = 1e9  # m/s; makes a sample without mocap count as motion
 # A message needs good mocap over the 0.1 s of its encoder reading and its age.
 MOCAP_BEFORE = 25  # samples
@@ -153,7 +152,7 @@ def stack_readings(m: Messages) -> FloatArray:
 def _find_rest(g: Grid, m: Messages, samples: FloatArray, policy: EvidencePolicy) -> IntArray:
     """Find messages of a car at rest by motion capture."""
     index = np.arange(len(g))
-    speed = np.hypot(np.hypot(g.v_x, g.v_y), ROTATION_RADIUS * g.omega) + BAD_SPEED * g.bad
+    speed = np.hypot(np.hypot(g.v_x, g.v_y), policy.rotation_radius * g.omega) + BAD_SPEED * g.bad
     at_rest = np.interp(samples, index, speed) < policy.max_rest_speed
     return find_rest_messages(at_rest, m, np.arange(len(samples)), policy.max_rest_yaw_rate)
 

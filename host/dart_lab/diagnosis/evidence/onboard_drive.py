@@ -98,7 +98,8 @@ def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
     samples = (sent[rows] - zero) / SAMPLE
     g = _integrate_sensors(m, rows, samples, zero - sent[0], mean_s)
     commanded, c = commands
-    g = replace(g, throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
+    g = replace(g, scale=recording.scale,
+                throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])
     first, near = _find_windows(m, rows, samples, g, policy.min_forward_throttle, span)
@@ -162,7 +163,8 @@ def _find_windows(m: Messages, rows: IntArray, samples: FloatArray, g: Grid,
     near = np.where(expected - samples[after - 1] < samples[after] - expected, after - 1, after)
     whole = (np.abs(samples[near] - expected) < MAX_JITTER_S / SAMPLE).all(axis=1)
     sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
-    moving = np.interp(samples, np.arange(len(g)), g.v_x) > MIN_WINDOW_SPEED
+    least = MIN_WINDOW_SPEED * g.scale.speed
+    moving = np.interp(samples, np.arange(len(g)), g.v_x) > least
     forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > backwards
     judged = (span[near] == span[:, None]).all(axis=1) & (span >= 0)
     good = judged & whole & moving & forward & sensed & sensed[near].all(axis=1)

@@ -22,6 +22,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import replace_unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.shooting.coordinates import Coordinates
 
 from ..policy import USUAL, PriorPolicy
@@ -92,8 +93,9 @@ class Space:
         """
         self._message_age = message_age
         self.loose = tuple(loose)
-        effects = {f"{a.name}.{q.name}": q for a in p.effects if a.name not in fixed_effects
-                   for q in a.effect.parameters}
+        scale = find_scale(p.body)
+        effects = {f"{a.name}.{q.name}": q.at_scale(scale) for a in p.effects
+                   if a.name not in fixed_effects for q in a.effect.parameters}
         self.names = tuple(dict.fromkeys((*free, *effects)))
         amounts = {n: policy.effect_width * q.sizes[1] for n, q in effects.items()}
         # With mocap the age of a message shifts only readings, without it commands as well.

@@ -12,6 +12,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from dart_hal.vehicle.effects import effect_for
+
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..gates import IMPROBABLE, Candidate, explain_failure
@@ -220,5 +222,6 @@ def impossible_size(fit: Point, name: str) -> str:
     """Return why no car has the size that an effect has in a fit; empty if one may have it."""
     active = next(a for a in fit.vehicle.effects if a.name == name)
     whys = (q.impossible(float(value))
-            for q, value in zip(active.effect.parameters, active.values, strict=True))
+            for q, value in zip(effect_for(fit.vehicle, name).parameters, active.values,
+                                strict=True))
     return "; ".join(why for why in whys if why)

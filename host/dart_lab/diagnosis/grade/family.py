@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.departures import DEPARTURES, with_departures
+from dart_hal.vehicle.departures import DEPARTURES, TYPICAL_SPEED, with_departures
 from dart_hal.vehicle.effect import ActiveEffect
+from dart_hal.vehicle.scale import find_scale
 
 from ..evidence.residuals import Evidence
 from ..policy import GradePolicy
@@ -27,7 +28,7 @@ def force_variants(evidence: Evidence, point: Point, name: str, policy: GradePol
     active = next(a for a in p.effects if a.name == name)
     if active.effect.force is None:
         return np.zeros((len(point.residual), 0))
-    written = with_departures(active.effect)
+    written = with_departures(active.effect, TYPICAL_SPEED * find_scale(p.body).speed)
     widths = [policy.place if d == "front" else policy.family for d in DEPARTURES]
 
     def residual(departures: tuple[float, ...]) -> FloatArray:

@@ -38,13 +38,13 @@ from dart_lab.report.html import Html
 from .along import BLOCK_S, MIN_PICTURE_ROWS, WHISKER_ERRORS, Means, means_along
 
 CURVE_POINTS = 61  # of a drawn curve
-MIN_SLIP_SPEED = 0.5  # m/s; below it a slip angle is noise
+MIN_SLIP_SPEED = 0.5  # m/s, of a car of 1:10; below it a slip angle is noise
 MAX_LATERAL_ACCELERATION = 1.0  # m/s2; above it the tyres slip
 MAX_STEADY_ACCELERATION = 0.1  # m/s2 at constant speed
 MAX_THROTTLE_CHANGE = 0.01  # within STEADY_SAMPLES before
 STEADY_SAMPLES = 60
 SMOOTHING_SAMPLES = 21  # of the acceleration
-MAX_YAW_ACCELERATION = 2.0  # rad/s2; above it the slip is not quasi-steady
+MAX_YAW_ACCELERATION = 2.0  # rad/s2, of a car of 1:10; above it the slip is not quasi-steady
 MAX_STRAIGHT_ANGLE = 0.1  # rad at the wheels
 NO_SLIP_ANGLES = "no motion capture, so no slip angles: the car's own points are missing"
 
@@ -123,8 +123,9 @@ def _axle(front: bool) -> tuple[Curve, Callable[[RecordedDrive, Vehicle], Points
             force = (b.l_r * b.mass * np.asarray(m.a_y) + turning) / b.wheelbase / np.cos(delta)
         else:
             force = (b.l_f * b.mass * np.asarray(m.a_y) - turning) / b.wheelbase
-        calm = ((np.asarray(m.v_x) > MIN_SLIP_SPEED)
-                & (np.abs(np.asarray(m.omega_dot)) < MAX_YAW_ACCELERATION))
+        scale = drive.grid.scale
+        calm = ((np.asarray(m.v_x) > MIN_SLIP_SPEED * scale.speed)
+                & (np.abs(np.asarray(m.omega_dot)) < MAX_YAW_ACCELERATION / scale.length))
         return np.where(calm, np.asarray(slip[0 if front else 1]), np.nan), force
 
     return curve, points
@@ -138,7 +139,8 @@ def _steering_points(drive: RecordedDrive, p: Vehicle) -> Points:
     back = round((q.delay.steering_s + q.delay.steering_lag_s) / SAMPLE)
     command = np.concatenate([np.repeat(g.steering[:1], back), g.steering])[:len(g)]
     angle = np.arctan2(g.omega * q.body.wheelbase, g.v_x)
-    gentle = (g.v_x > MIN_SLIP_SPEED) & (np.abs(g.v_x * g.omega) < MAX_LATERAL_ACCELERATION)
+    gentle = ((g.v_x > MIN_SLIP_SPEED * g.scale.speed)
+              & (np.abs(g.v_x * g.omega) < MAX_LATERAL_ACCELERATION))
     return np.where(gentle, command, np.nan), angle
 
 
@@ -152,7 +154,7 @@ def _throttle_points(drive: RecordedDrive, p: Vehicle) -> Points:
     v = drive.grid.v_x
     recent = np.lib.stride_tricks.sliding_window_view(
         np.concatenate([np.full(STEADY_SAMPLES, math.inf), throttle]), STEADY_SAMPLES + 1)
-    steady = ((v > MIN_SLIP_SPEED) & (np.abs(delta) < MAX_STRAIGHT_ANGLE)
+    steady = ((v > MIN_SLIP_SPEED * drive.grid.scale.speed) & (np.abs(delta) < MAX_STRAIGHT_ANGLE)
               & (recent.max(axis=1) - recent.min(axis=1) < MAX_THROTTLE_CHANGE)
               & (np.abs(savgol_derivative(v, SMOOTHING_SAMPLES)) < MAX_STEADY_ACCELERATION))
     return np.where(steady, v, np.nan), throttle

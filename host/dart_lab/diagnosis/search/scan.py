@@ -23,7 +23,7 @@ from dart_hal.core.errors import ConfigError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.effects import apply, catalogue, is_applicable
+from dart_hal.vehicle.effects import apply, catalogue, effect_for, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.readings import SENSORS
@@ -163,7 +163,7 @@ class EffectScan:
 
     def best_trial(self, name: str, previous: Sequence[RecalledSweep] = ()) -> Trial:
         """Find the size with the largest gain; previous: sweeps of the round before."""
-        effect = catalogue()[name]
+        effect = effect_for(self._vehicle, name)
         found = Trial(name, {}, 0.0, self.point.residual)
         sweeps = list[Sweep]()
         known = {(b.sweep.parameter.name, *b.sweep.fixed.values()): b for b in previous}

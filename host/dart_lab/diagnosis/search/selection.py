@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dart_hal.core.config.model import Covariance
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import effect_for
+from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, label_rows
@@ -124,7 +125,7 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     limits = null.gain_thresholds([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
-             if not explain_failure("scan", _candidate(t, limits), settings.policy)]
+             if not explain_failure("scan", _candidate(point.vehicle, t, limits), settings.policy)]
     # 3. By the loss after a fit. Trials without a fit have their change of 0, behind those that
     #    lower the loss.
     order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
@@ -136,7 +137,7 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     rejected = list[RejectedEffect]()
     for trial in (*order, *(t for t in trials if t not in passed)):
         p = null.p_value(trial.effect, trial.gain)
-        candidate = replace(_candidate(trial, limits),
+        candidate = replace(_candidate(point.vehicle, trial, limits),
                             chosen=accepted[0].effect if accepted else "")
         # 4. Cheap gates before the fit, the others after it.
         reason = explain_failure("scan", candidate, settings.policy)
@@ -168,14 +169,15 @@ def list_alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tu
                  if t is not trial and t.gain > max(0.0, share * trial.gain))
 
 
-def _candidate(trial: Trial, thresholds: Mapping[str, float]) -> Candidate:
+def _candidate(p: Vehicle, trial: Trial, thresholds: Mapping[str, float]) -> Candidate:
     """Describe a trial for the gates."""
     return Candidate(gain=trial.gain, threshold=thresholds[trial.effect],
-                     size=relative_size(catalogue()[trial.effect], trial.values))
+                     size=relative_size(effect_for(p, trial.effect), trial.values))
 
 
 def _fitted_size(point: Point, name: str) -> float:
     """Relative size of an effect in a fit."""
     active = next(a for a in point.vehicle.effects if a.name == name)
     names = [q.name for q in active.effect.parameters]
-    return relative_size(active.effect, dict(zip(names, active.values, strict=True)))
+    return relative_size(effect_for(point.vehicle, name),
+                         dict(zip(names, active.values, strict=True)))

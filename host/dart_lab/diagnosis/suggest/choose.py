@@ -7,6 +7,7 @@ from itertools import combinations
 
 from dart_hal.core.config import ModelFile
 from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.experiment.floor import Floor
 
 from ..policy import USUAL, Policy
@@ -29,6 +30,7 @@ def suggest(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLOOR, seed: int = 0
     confounded = [cause for cause in diagnosis.causes if cause.cannot_be_told_from]
     if not confounded:
         return ()
+    policy = policy.at_scale(find_scale(diagnosis.extended.body))
     drives = _CachedIterator(rehearse_choices(floor, model))
     out = []
     for i, cause in enumerate(confounded):

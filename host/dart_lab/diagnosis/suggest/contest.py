@@ -16,7 +16,7 @@ import numpy as np
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Parameter
-from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.effects import apply, catalogue, effect_for
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Residuals
@@ -90,7 +90,8 @@ class DriveComparison:
 
     def _fit_best(self, name: str) -> FittedConfounder:
         """Fit each parameter of an effect alone, and return the best."""
-        found = [self._fit_parameter(name, q) for q in scanned_parameters(catalogue()[name])]
+        effect = effect_for(self.base, name)
+        found = [self._fit_parameter(name, q) for q in scanned_parameters(effect)]
         return min(found, key=lambda m: m.loss)
 
     def loss_of_size(self, name: str, q: Parameter, k: float) -> float:

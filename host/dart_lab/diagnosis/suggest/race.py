@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dart_hal.recording.dart import Recording
-from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.effects import apply, effect_for
 from dart_hal.vehicle.parameters import Vehicle
 
 from .contest import DriveComparison, FittedConfounder, is_per_recording
@@ -106,7 +106,7 @@ def _lower_level(p: Vehicle, name: str, battery: float) -> Vehicle:
     """The car with a hypothesis whose level may differ between recordings, lower by ``battery``."""
     if not battery or not is_per_recording(name):
         return p
-    first = catalogue()[name].parameters[0]
+    first = effect_for(p, name).parameters[0]
     have = next(a for a in p.effects if a.name == name)
     level = max(have.values[0] - battery * first.sizes[1], first.low)
     return apply(p, name, **{first.name: level})

@@ -19,6 +19,7 @@ import numpy as np
 
 from dart_hal.core.config import ModelFile
 from dart_hal.core.types import FloatArray
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.experiment.floor import Floor
 
 from ..evidence.space import MessageTiming, Space
@@ -85,7 +86,8 @@ def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLO
     """
     if not diagnosis.claims:
         return ()
-    information = ParameterInformation(diagnosis, policy)
+    scaled = policy.at_scale(find_scale(diagnosis.extended.body))
+    information = ParameterInformation(diagnosis, scaled)
     drives: list[tuple[RehearsedDrive, FloatArray]] = []
     for i, drive in enumerate(rehearse_choices(floor, model)):
         if progress is not None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dart_hal.vehicle.effect import Parameter
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import effect_for
 
 from ..search.size_search import scanned_parameters
 from .contest import SIZE_LADDER, DriveComparison, is_per_recording
@@ -27,7 +27,8 @@ class SizeLossCurves:
                                                                                float]]) -> None:
         self._curves: dict[tuple[str, str], Callable[[float], float]] = {}
         for name, values in best.items():
-            for q in () if is_per_recording(name) else scanned_parameters(catalogue()[name]):
+            for q in () if is_per_recording(name) else scanned_parameters(
+                    effect_for(comparison.base, name)):
                 self._curves[name, q.name] = _curve(comparison, name, q, values.get(q.name, q.null))
 
     def __call__(self, name: str, parameter: str, value: float) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.prediction.actuators import actuator_outputs
 
 from ..evidence.drive import READ_OUTS, RecordedDrive
@@ -30,7 +31,7 @@ FEATURE_UNITS = MappingProxyType({
     "acceleration": "m/s2", "lateral_acceleration": "m/s2", "yaw_rate": "rad/s", "time": "s",
     "x": "m", "y": "m", "heading": "rad", "revolution_angle": "turn", "direction": "-",
     "way": "m"})
-# rad/s: a smaller mean yaw rate counts as straight.
+# rad/s, of a car of 1:10: a smaller mean yaw rate counts as straight.
 MIN_TURN_RATE = 0.15
 Features = dict[str, FloatArray]
 
@@ -94,6 +95,7 @@ def _drive_features(drive: RecordedDrive, p: Vehicle, first: FloatArray,
     seconds = (last - first) * SAMPLE
     middle = 0.5 * (first + last)
     yaw_rate = mean(g.omega)
+    straight = MIN_TURN_RATE * find_scale(p.body).yaw_rate
     distance = np.concatenate([[0.0], np.cumsum(0.5 * (g.v_x[1:] + g.v_x[:-1]))])
     return {
         "speed": mean(g.v_x), "steering_angle": mean(angle),
@@ -107,7 +109,7 @@ def _drive_features(drive: RecordedDrive, p: Vehicle, first: FloatArray,
         "x": sample_at(g.x, middle), "y": sample_at(g.y, middle),
         "heading": _wrap_angle(sample_at(g.yaw, middle)),
         "revolution_angle": sample_at(distance * SAMPLE / GEAR_REVOLUTION, middle) % 1.0,
-        "direction": np.sign(np.where(np.abs(yaw_rate) < MIN_TURN_RATE, 0.0, yaw_rate)),
+        "direction": np.sign(np.where(np.abs(yaw_rate) < straight, 0.0, yaw_rate)),
         "way": sample_at(distance * SAMPLE, middle)}
 
 

@@ -256,7 +256,7 @@ def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
                                            policy.ridge) for phi, fold in zip(columns, folds,
                                                                               strict=True)),
                          *(wave_shares(y, block, features[name], phase_labels(name, recording),
-                                       signs) for name, _ in WAVE_SETS)], axis=1)
+                                       signs, policy.max_waves) for name, _ in WAVE_SETS)], axis=1)
 
     # 1. Observed residuals and their flips.
     share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
@@ -319,8 +319,8 @@ def _describe(group: ResidualGroup, channel: int, variables: tuple[str, ...],
     unit = CHANNEL_UNITS[group.channels[channel]]
     lead = f"model minus measured {name}{' after 0.5 s' if name in MOTION else ''}"
     if WAVES in variables:
-        length, size = find_wave(y, features[variables[0]], phase_labels(variables[0],
-                                                                         group.recording))
+        length, size = find_wave(y, features[variables[0]],
+                                 phase_labels(variables[0], group.recording), policy.max_waves)
         size *= float(np.median(group.size[:, channel]))
         direction = "of way" if variables[0] == "way" else f"along {variables[0]} of the room"
         return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {direction}"

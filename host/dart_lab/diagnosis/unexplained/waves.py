@@ -21,7 +21,6 @@ ComplexArray = NDArray[np.complex64]
 WAVES = "waves"
 # Variables along which waves are searched, in the form of the sets of variables.
 WAVE_SETS = (("way", WAVES), ("x", WAVES), ("y", WAVES))
-MAX_WAVES_PER_METRE = 1.5  # a prediction averages over half a metre
 # Frequencies per resolved frequency of the longest distance: to find a wave, to measure it.
 SEARCH_OVERSAMPLING = 1.5
 LENGTH_OVERSAMPLING = 8.0
@@ -35,13 +34,14 @@ def phase_labels(name: str, recording: IntArray) -> IntArray:
 
 
 def wave_shares(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
-                signs: FloatArray) -> FloatArray:
+                signs: FloatArray, most: float) -> FloatArray:
     """Share (s, c) of the variance explained by the best wave, with a phase per recording.
 
     y (n, c): residuals in blocks (n,), for each set of signs (s, B). distance (n,) [m], or a place.
-    recording (n,): see ``phase_labels``. Corrected for what any wave explains of noise.
+    recording (n,): see ``phase_labels``. most: waves per metre. Corrected for what
+    any wave explains of noise.
     """
-    frequencies = wave_frequencies(distance, recording)
+    frequencies = wave_frequencies(distance, recording, most)
     if not len(frequencies):
         return np.zeros((len(signs), y.shape[1]))
     # an amplitude and a phase of each
@@ -57,9 +57,13 @@ def wave_shares(y: FloatArray, block: IntArray, distance: FloatArray, recording:
     return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - free, 1.0), dtype=float)
 
 
-def find_wave(y: FloatArray, distance: FloatArray, recording: IntArray) -> tuple[float, float]:
-    """Find the best wave of y (n,) along the distance (n,): (length [m], amplitude)."""
-    frequencies = wave_frequencies(distance, recording, LENGTH_OVERSAMPLING)
+def find_wave(y: FloatArray, distance: FloatArray, recording: IntArray, most: float
+              ) -> tuple[float, float]:
+    """Find the best wave of y (n,) along the distance (n,): (length [m], amplitude).
+
+    most: waves per metre.
+    """
+    frequencies = wave_frequencies(distance, recording, most, LENGTH_OVERSAMPLING)
     power = sum(2.0 / count * np.abs(one[0].sum(axis=0))**2
                 for _, count, one in _spectra(y[:, None], recording, distance, recording,
                                               frequencies))
@@ -67,15 +71,15 @@ def find_wave(y: FloatArray, distance: FloatArray, recording: IntArray) -> tuple
     return float(1.0 / frequencies[best]), float(np.sqrt(2.0 * np.asarray(power)[best] / len(y)))
 
 
-def wave_frequencies(distance: FloatArray, recording: IntArray,
+def wave_frequencies(distance: FloatArray, recording: IntArray, most: float,
                      oversampling: float = SEARCH_OVERSAMPLING) -> FloatArray:
-    """Frequencies (f,) to try, in waves per metre; empty if the distance is too short."""
+    """Frequencies (f,) to try, up to ``most`` waves per metre; empty for too short a distance."""
     longest = max((float(np.ptp(distance[recording == r])) for r in np.unique(recording)),
                   default=0.0)
-    if longest * MAX_WAVES_PER_METRE < MIN_WAVES:
+    if longest * most < MIN_WAVES:
         return np.empty(0)
-    step = max(1.0 / (oversampling * longest), MAX_WAVES_PER_METRE / MAX_FREQUENCIES)
-    return np.arange(MIN_WAVES / longest, MAX_WAVES_PER_METRE, step)
+    step = max(1.0 / (oversampling * longest), most / MAX_FREQUENCIES)
+    return np.arange(MIN_WAVES / longest, most, step)
 
 
 def _spectra(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
