@@ -73,12 +73,15 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
              began: float) -> Diagnosis:
     """Conclude from the result of a search.
 
-    1. Withdraw causes that leave as much structure as there is without them.
-    2. Accept the effects that held-out data support. If rejected effects had changed the noise,
-       estimate the noise without them, and accept again.
+    1. Withdraw candidates that leave as much structure as there is without them.
+    2. Accept the candidates that held-out data and the test recordings support. If those that
+       remain change only sensor readings, but a rejected one did not, take the noise of the motion
+       from the base model, and accept again.
     3. Fit the numbers that are reported.
-    4. Measure gains, confounders and costs of each cause, and which parameters were wrong.
-    5. List what remains: structure, outliers, errors above the noise floor, late commands.
+    4. Measure the gain of each cause, find its confounders, add the spread over models that fit
+       equally well to the standard errors, and find the parameters that were wrong.
+    5. List what remains: structure (of step 1 or 2), outliers, errors above the noise floor, late
+       commands.
 
     files: entries of the document by recording. began: time at the start, as ``time.monotonic``.
     """

@@ -1,9 +1,10 @@
-"""Thresholds of the diagnosis, each with its unit and its derivation.
+"""Thresholds of the diagnosis that studies vary, with units and, for most, the derivation.
 
 "Campaign" means: set on the draws from 0 on of ``studies/diagnosis/campaign.py``, evaluated on
-those from 100 on (docs/results/campaign.md). The effect of half and double of each threshold:
-docs/results/policy_sensitivity.md. A loss is in squared standard deviations of one independent
-residual, so 4.0 is two standard deviations of one number.
+those from 100 on (docs/results/campaign.md). The effect of half and double of most thresholds:
+docs/results/policy_sensitivity.md. Other thresholds are constants of the modules that use them.
+A loss is in squared standard deviations of one independent residual, so 4.0 is two standard
+deviations of one number.
 
 Speeds, yaw rates and lengths are those of a car of 1:10; ``Policy.at_scale`` gives those of another
 car. Times are those of servos, messages and sensors, which do not shrink with a car, and
@@ -97,7 +98,8 @@ class NoisePolicy:
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
     min_age_effect: float = 3.0  # standard deviations that the oldest command must move a reading
     max_passes: int = 5  # fits with a new effect, each with the noise that the last one leaves ...
-    volume_tolerance: float = 0.1  # ... until its log volume falls by less: 1 % of ten channels
+    volume_tolerance: float = 0.1  # ... until the sum of the log standard deviations (15 of the
+    # motion, 4 of sensors) falls by less: 0.5 % of each
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +192,7 @@ class TwoCarsPolicy:
 class ClaimPolicy:
     """When a parameter of the model is reported as wrong."""
 
-    prior_probability: float = 0.2  # probability that a group is wrong: one or two of seven
+    prior_probability: float = 0.2  # that a group is wrong: one or two of the usual seven
     max_criterion_gap: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
     max_linear_rise: float = 25.0  # loss; smaller moves need no fit: five standard deviations
     max_swap_gap: float = 100.0  # the same to second order, which is inexact for far moves
@@ -241,7 +243,8 @@ class ConclusionPolicy:
     max_remaining_share: float = 0.6  # of the structure may remain; a cause with more is withdrawn
     min_channel_share: float = 0.2  # of the reduction by a cause, above which it acts on a channel
     min_error_rise: float = 0.2  # of the error: an increase that is reported without an interval
-    gain_block_s: float = 10.0  # s; bootstrap: rollouts of 1 s and laps of some seconds
+    gain_block_s: float = 10.0  # s; bootstrap of residuals over laps of some seconds (predictions
+    # over 1 s: ``compare.BLOCK_TIME``)
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +264,7 @@ class SuggestPolicy:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """All thresholds of a diagnosis; docs/results evaluates the defaults."""
+    """Thresholds of a diagnosis; docs/results evaluates the defaults."""
 
     inputs: InputPolicy = field(default_factory=InputPolicy)
     evidence: EvidencePolicy = field(default_factory=EvidencePolicy)
