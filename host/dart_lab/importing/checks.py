@@ -19,7 +19,7 @@ from dart_hal.recording.imported import ImportedData, Stream
 GRID_STEP = 0.02
 SMOOTHING_TIME = 0.2
 # s without a sample from which on a stream has a gap.
-MAX_GAP = 0.5
+MAX_SAMPLE_GAP = 0.5
 # Share of rows that repeat the value of the row before, from which on a noisy sensor is repeated.
 MAX_REPEATED_SHARE = 0.5
 # Samples of steady driving without which no scale of a commanded speed is stated: 1 s.
@@ -58,7 +58,7 @@ MAX_SPEED_CHANGE = 0.2
 # 90 % and 10 % quantiles of its commands above which the controller limits the speed.
 MAX_TOP_CHANGE = 0.03
 MIN_COMMANDED_RATIO = 1.15
-# Length of the mean direction of an angle (1: all alike), above which it is a constant.
+# Length of the mean direction of an angle (1: all equal), above which it is a constant.
 MIN_CONCENTRATION = 0.8
 # rad: a larger constant angle between yaw and direction of travel is a turned axis.
 MAX_YAW_OFFSET = 0.6
@@ -160,7 +160,7 @@ def resample(data: ImportedData) -> GridData:
 
 def _is_covered(t: FloatArray, stamps: FloatArray) -> BoolArray:
     """Return which times (n,) are further than SMOOTHING_TIME from a gap of a stream."""
-    gaps = np.nonzero(np.diff(stamps) > MAX_GAP)[0]
+    gaps = np.nonzero(np.diff(stamps) > MAX_SAMPLE_GAP)[0]
     covered = np.ones(len(t), dtype=np.bool_)
     for k in gaps:
         covered &= (t < stamps[k] - SMOOTHING_TIME) | (t > stamps[k + 1] + SMOOTHING_TIME)

@@ -2,10 +2,10 @@
 
 1. Of each quantity, the candidates are the columns whose name fits. The first rule that fits wins,
    then the table with most rows.
-2. What the names do not tell is searched in the data: yaw is the angle that follows the direction
+2. What the names do not show is searched in the data: yaw is the angle that follows the direction
    of travel of two columns, the speed follows their speed, the yaw rate is the derivative of yaw.
 3. The map is applied and checked as an import is. Each contradiction changes the map.
-4. What no data can tell is a question to the user.
+4. What no data can show is a question to the user.
 """
 
 from __future__ import annotations
