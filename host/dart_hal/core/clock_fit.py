@@ -2,7 +2,8 @@
 
 1. Each frame gives a pair (x, y): x = device time, y = arrival minus the time on the wire.
 2. USB and scheduler can only delay y, so the true line lies on the lower hull of the pairs.
-3. Once per second, the hull edge below the middle of the last 20 s gives offset and rate.
+3. Once per second, the hull edge below the middle of the last 20 s gives the rate, limited to
+   MAX_RATE_ERROR. The line of that rate below all pairs gives the offset.
 4. Half of the smallest round trip of the pings is subtracted: the smallest delay of a frame.
 
       y - x ^   .      .         .      delayed arrivals
@@ -22,7 +23,7 @@ from math import hypot, inf, sqrt
 
 # s of arrivals in a fit: 1 ms of jitter gives 3 ppm of rate.
 FIT_WINDOW = 20.0
-# s. Only the earliest pair of each bin is stored, so a fit has 80 pairs.
+# s. Only the least delayed pair of each bin is stored, so a fit has 80 pairs.
 BIN_WIDTH = 0.25
 # s of data; before that, a known rate is kept and only the offset is fitted.
 MIN_FIT_AGE = 3.0
@@ -39,7 +40,7 @@ UNKNOWN_DELAY_STD = 0.5e-3
 # s from the encoder latch to the first byte of STATE in the UART: the smallest value of the
 # firmware in simavr. A test measures it.
 LATCH_DELAY = 0.255e-3
-# s: half a tick of the device clock, the smallest uncertainty.
+# s: half of a tick of the device clock (0.5 us), the smallest uncertainty.
 STAMP_STD = 0.25e-6
 # Lowest rate of the returned host time, relative to device time.
 MIN_PUBLISHED_RATE = 0.1
@@ -140,7 +141,7 @@ class ClockFit:
         return t, std
 
     def _close_bin(self, t_dev: float) -> None:
-        """Store the earliest pair of the bin and begin the next bin."""
+        """Store the least delayed pair of the bin and begin the next bin."""
         if self._best is None:
             self._first = self._middle = t_dev
             self._next_fit = t_dev + FIRST_FIT_DELAY

@@ -6,12 +6,13 @@
     free        largest speed even of lifted wheels
 
 A reference above the encoder means missing edges. One below it means that the
-wheels spin (the motor explains their speed) or that edges are noise (it does
-not). Silence while the wheels must turn is a dead encoder.
+wheels spin. A speed beyond ``free`` means that edges are noise, whatever the
+reference is. Silence while the wheels must turn is a dead encoder.
 
 Missing edges are dangerous: a speed controller would open the throttle. So
-ENCODER_LOW and ENCODER_DEAD remain until the car is disarmed and at rest, or,
-for a dead one, until edges come again; the other doubts end by themselves.
+ENCODER_LOW remains until the car is disarmed and has been at rest for
+``MIN_REST_TIME``. ENCODER_DEAD ends with the next edge, but not before
+ENCODER_LOW. The other doubts end by themselves.
 """
 
 from __future__ import annotations
@@ -113,10 +114,11 @@ class SpeedReference:
 
 
 class EncoderCheck:
-    """Checks the wheel speed frame by frame; sets ``doubts``, and ``std`` of unmeasured speed.
+    """Checks the wheel speed frame by frame.
 
-    metres: per edge; x_imu [m]: of the IMU ahead of the rear axle; identified:
-    the vehicle model was identified on this car.
+    After a call: ``doubts`` against the encoder; ``std`` [m/s]: one sigma of the speed that it may
+    miss, 0 while all agree. metres: per edge; x_imu [m]: of the IMU ahead of the rear axle;
+    identified: the vehicle model was identified on this car.
     """
 
     def __init__(self, vehicle: Vehicle, identified: bool, metres: float, x_imu: float) -> None:

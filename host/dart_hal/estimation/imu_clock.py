@@ -1,14 +1,15 @@
 """Time at which the IMU took a sample, from the beat of its own clock against that of the Nano.
 
 The BNO055 renews its data every 10 ms of its own clock, the Nano reads them every 10 ms of its
-own: the age of a sample is a sawtooth at the beat of the two. The firmware looks at the gyro a
-second time in each slot, before the read, and reports where the data changed:
+own: the age of a sample is a sawtooth at the beat of the two. In each slot of 10 ms the firmware
+reads the gyro twice: first the *look*, then, LOOK_TIME later, the *read* whose values count. It
+reports where the data changed:
 
-    look     read before | look | read     the sample is
-    BEFORE          change              older than the time from look to read
-    AFTER                   change      younger
-    BOTH            change  change      two updates between two reads: just updated
-    NONE                                no update (or one that changed nothing)
+             last read -> look   look -> read   so the sample is
+    BEFORE   change              -              older than LOOK_TIME
+    AFTER    -                   change         younger than LOOK_TIME
+    BOTH     change              change         just updated: two updates between two reads
+    NONE     -                   -              not updated, or to equal values
 
 A Kalman filter estimates the age without wraps, a straight line, and its rate (the difference of
 both clock rates). Two kinds of observations:
@@ -136,7 +137,8 @@ class ImuClock:
     def mean_read(self, read: float, look: int) -> float:
         """Return the device time [s] of a read that would find the sample at its mean age.
 
-        ``read`` if the age is not known, so that the caller need not know whether there are looks.
+        That is the time of the sample plus its mean age of half a period, so that ``GYRO_LATENCY``
+        applies to it as to any read. It is ``read`` itself if the age is not known.
         """
         sample_time = self.sample_time(read, look)
         return read if sample_time is None else sample_time + 0.5 * PERIOD

@@ -1,8 +1,10 @@
 """Pose by wheels, gyro and delayed external poses: an extended Kalman filter.
 
 Motions and poses of the last ``FILTER_HISTORY`` seconds are stored in order of time. A pose that
-was measured ``age`` s ago is inserted at its time, and all later steps are repeated: exact, also
-when poses arrive out of order. A pose beyond the chi-square gate is not fused.
+was measured ``age`` s ago is inserted at its time, and all later steps are repeated, also when
+poses arrive out of order. A pose beyond the chi-square gate is not fused. It is gated once, when it
+arrives, by the poses known then: this alone can depend on the order of arrival.
+``pose_tracking``, which selects the poses of a car, passes them in the order of their stamps.
 
 Dead reckoning (``odometry.py``) runs in parallel and is the input: ``Odometry.update`` returns the
 ``MotionStep`` that ``predict`` takes, ``filter.predict(*motion)``.

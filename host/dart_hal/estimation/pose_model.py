@@ -53,10 +53,11 @@ START_STD = 1e-3
 SPEED_STD = 0.02
 # rad/s of one sample of the gyro: 4e-4 rad/s per sqrt(Hz) at 100 Hz.
 GYRO_SAMPLE_STD = 4e-3
-# s per sqrt(s), times the yaw rate: effect of the unknown age of a gyro sample
-# (``OdometryNoise.gyro_age``) on the turn. Between poses it jumps by up to 10 ms of turning and is
-# treated as random. The normalised error squared of four test cars is then 2.7; with the change of
-# the yaw rate instead it is 1.9.
+# s per sqrt(s), times the yaw rate: effect of the age of a gyro sample on the yaw. ``odometry`` has
+# ``OdometryNoise.gyro_age`` times the *change* of the yaw rate instead, and less where ``ImuClock``
+# knows the age; this filter does not use that. Between poses the age jumps by up to 10 ms of
+# turning and is treated as random. The normalised error squared of four test cars is then 2.7; with
+# the change of the yaw rate it is 1.9.
 SAMPLE_AGE_NOISE = 2.5e-3
 # m, rad: no external pose is better. A smaller covariance would leave none for the model.
 MIN_POSE_STD = 1e-4

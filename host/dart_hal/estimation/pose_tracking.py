@@ -73,6 +73,7 @@ class PoseOutcome(Enum):
     RELOCATED = "track resumed elsewhere: the poses have moved there as the car did"
     FALSE_LOCK = "false lock since the returned time"
     UNREACHABLE = "not reachable by the car"
+    # Also the first poses, while there is no odometry yet.
     OUTDATED = "older than the newest pose"
 
 
@@ -104,7 +105,7 @@ class PoseTracker:
             stored.popleft()
 
     def add(self, pose: ExternalPose) -> tuple[PoseOutcome, float]:
-        """Add a received pose; one out of order is only stored as the newest.
+        """Add a received pose; one out of order only becomes ``External.newest``.
 
         Returns the outcome and the time [s] of its measurement on the clock of the car.
         """

@@ -15,7 +15,8 @@ rate is the integral of a torque and passes a 32 Hz filter, so a real jump stays
    two wrong samples contribute nothing. This difference is reported with every sample, so that
    the covariance can carry it: two wrong samples in a row are accepted and covered.
 
-The threshold follows the noise: a multiple of the mean second difference of accepted samples.
+The threshold follows the noise: a multiple of the mean distance of accepted samples from the line
+between their neighbours (half of the second difference).
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ MIN_RATE_JUMP = 0.03
 # m/s2: 0.01 m/s in one sample of 10 ms, a twenty-fifth of the change of speed that decides the
 # direction of travel (0.25 m/s). The noise of one sample is 0.015 m/s2.
 MIN_ACCELERATION_JUMP = 1.0
-# Threshold in mean second differences: Gaussian noise exceeds it once in 1e6 samples.
+# Threshold in those mean distances: Gaussian noise exceeds it once in 1e6 samples.
 NOISE_FACTOR = 6.0
-# Accepted samples, 1 s, over which the second difference is averaged.
+# Accepted samples, 1 s, over which the distance is averaged.
 NOISE_SAMPLES = 100
 # s from the sample before a jump to the one after it: one missing frame is allowed. In a longer
 # time a true motion may come and go.

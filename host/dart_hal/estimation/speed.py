@@ -26,8 +26,10 @@ from math import hypot, sqrt
 
 from dart_hal.estimation.ring import Aligner, Ring
 
-# s. A stamp noise of 0.5 us is 5e-5 of it; one and a half frames at 100 Hz.
+# s, one and a half frames at 100 Hz. Two stamps with STAMP_STD make a relative error of 5e-4 at the
+# most, their resolution of 0.5 us one of 3e-5.
 MIN_PAIR_TIME = 15e-3
+# Factor of the largest speed that the silence since the last edge allows, see the module.
 BOUND_MARGIN = 1.05
 # s of silence after which the speed is 0: below 7 mm/s with 2 mm edges.
 ZERO_AFTER = 0.3
@@ -36,23 +38,24 @@ MAX_SIGN_CHANGE_SPEED = 0.06
 # s after a standstill in which the acceleration may overrule the command. Its estimate takes
 # 0.4 s; later, a wheel that regains grip after a spin looks like a car in reverse.
 MAX_START_TIME = 0.6
-# m/s at the slowest moment of coasting wheels, below which they may have reversed: at 10 m/s2
-# one frame and the age of a pair of edges hide 0.25.
+# m/s. Coasting wheels that were slower than this may have reversed. A reversal passes through 0,
+# but at 10 m/s2 one frame and the age of a pair of edges hide 0.25 m/s of it.
 MAX_COASTING_REVERSAL_SPEED = 0.3
 # m/s, the same for driven wheels, which lock at 2.5 g. Faster ones that gain speed against the
 # command have lost their grip and still turn forwards.
 MAX_DRIVEN_REVERSAL_SPEED = 0.6
 # m/s2 rms hidden by the age of a pair; enters the standard deviation only.
 PAIR_ACCELERATION_STD = 2.0
-# Number of frames searched for the moment of a reversal that the second ring reports: it takes
-# 0.1 s to detect it.
+# Number of frames, 0.5 s, searched for the slowest moment before a reversal that the second ring
+# reports 0.1 to 0.2 s later.
 REVERSAL_FRAMES = 50
 # m/s2: a lifted wheel at full throttle reaches about half. More is noise.
 MAX_ACCELERATION = 100.0
 # Standard deviation of a gap, relative, without and with a ring table.
 EVEN_GAP_STD = 0.03
 TABLE_GAP_STD = 0.003
-# s, one sigma of an edge stamp: interrupts block it for at most 10 us.
+# s, one sigma of an edge stamp: other interrupts delay it by at most 10 us. Not that of
+# ``clock_fit``, which is the resolution of the device clock.
 STAMP_STD = 5e-6
 
 SQRT2 = sqrt(2.0)

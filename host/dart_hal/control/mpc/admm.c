@@ -1,8 +1,9 @@
-/* Some iterations of the splitting of admm.py, in place: see `run_sweep` there.
- * c (m, n) and to_x (n, m) row by row; the rows of to_x are asked one after another, as those of c. */
+/* Some iterations of the splitting of admm.py on z and y, in place: see `run_sweep` there.
+ * c (m, n) and to_x (n, m) are stored row by row. Names here and there: times: iterations,
+ * apart: z - y, there: relaxed, beyond: excess, most: max_push. */
 #include <stdint.h>
 
-#define MOST 512 /* inputs and rows of a programme of this kind; the caller looks */
+#define MOST 512 /* largest n and m; the caller checks them */
 
 static double within(double x, double low, double high)
 {

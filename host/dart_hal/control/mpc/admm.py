@@ -53,7 +53,7 @@ Sweep = Callable[[int, Splitting, FloatArray, FloatArray], None]
 def run_sweep(iterations: int, splitting: Splitting, z: FloatArray, y: FloatArray) -> None:
     """Run ADMM iterations on z and y (m,) in place; y is the dual divided by rho.
 
-    1. x = argmin of the Lagrangian, by the factorised H + C' R C.
+    1. x = argmin of the Lagrangian, by the inverse of H + C' R C, made once in ``solve``.
     2. Over-relax: relaxed = alpha C x + (1 - alpha) z + y.
     3. Hard rows: z is the projection of relaxed onto [low, high]. Soft rows: the proximal step of
        price * distance moves relaxed towards the interval by max_push at the most.

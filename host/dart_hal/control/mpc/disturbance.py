@@ -15,9 +15,10 @@ steady bend.
 The yaw rate nevertheless lags behind the wheels (``SteeringDelay.yaw_delay``), so the model's yaw
 rate and the regressors are filtered with the same lag. Without that, the lag in turning in looks
 like a loss of gain, and the lag in turning back, at 0 where the gain does not show, like an offset:
-every gain falls, on any car. While the bend changes, the noise of the measurement is increased by
-the difference between the steady and the filtered yaw rate, because the servo speed of few cars is
-known.
+every gain falls, on any car. Cars without an identified model need this filter. Cars with one are
+slightly more accurate without it (``docs/results/design_notes.md``); all use it. While the bend
+changes, the noise of the measurement is increased by the difference between the steady and the
+filtered yaw rate, because the servo speed of few cars is known.
 
 G. Pannocchia, J. B. Rawlings, "Disturbance models for offset-free model-predictive control", AIChE
 Journal 49 (2003).

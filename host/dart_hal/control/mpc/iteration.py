@@ -1,6 +1,8 @@
-"""Real-time iteration: one Newton-type step of the whole problem for each sample.
+"""Real-time iteration: Newton-type steps of the whole problem, mostly one for each sample.
 
     last plan -> shift -> linearise at every stage -> condense -> solve -> one step -> plan
+
+Up to MAX_EXTRA_STEPS follow while the steering still changes much; INITIAL_STEPS from a guess.
 """
 
 from __future__ import annotations
@@ -105,6 +107,8 @@ class Mpcc(MpcPlanner[MpcPlan]):
         progress = self.problem.progress(s, inputs[V_S])
         errors = self.reference.errors(states[1:, 0], states[1:, 1], progress)
         times: FloatArray = plan.t + STAGE_PERIOD * np.arange(1.0, len(progress) + 1.0)
+        # The bounds are those of the car's centre, l_r ahead. They are applied to e_c of the rear
+        # axle: this neglects l_r times the sine of the heading error.
         lane = self.corridor.bounds(progress + self.vehicle.body.l_r, times)
         outcome = PlanOutcome.BLOCKED if self.corridor.blocked else PlanOutcome.SOLVED
         stop_distance = self.stop_line - progress if self.stop_line < inf else None

@@ -46,7 +46,8 @@ MIN_SLIPPING_SPEED = 0.5
 # Implicitness. 0.5 is of second order and oscillates at walking pace; 1 is off by 1 to 2 cm in a
 # bend.
 THETA = 0.55
-# Step of a state or input for finite differences: rounding then changes slopes by less than 1e-9.
+# Increment of a state or input in the finite differences. Rounding changes a slope by about the
+# precision of a result over this increment, 1e-16 / 1e-6, so by less than 1e-9.
 DIFFERENCE_STEP = 1e-6
 # Sizes of state and input.
 N_STATES = 8

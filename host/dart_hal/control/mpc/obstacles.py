@@ -1,6 +1,11 @@
 """Obstacles near a path, as bounds of the lateral error at each stage.
 
-    e_c >= e_o + R - RAMP max(|s - s_o| - L, 0)      passed on its left; mirrored on its right
+    e_c >= e_o + R - CORRIDOR_RAMP max(|s - s_o| - L, 0)      passed on its left
+    e_c <= e_o - R + CORRIDOR_RAMP max(|s - s_o| - L, 0)      passed on its right
+
+    e_c, s     lateral error and arc length of the car's centre; e_o, s_o: of the obstacle's centre
+    R          its radius + HALF_WIDTH + LATERAL_MARGIN
+    L          R + PLATEAU_LENGTH, along the path
 
 The corridor narrows along a ramp, because a bound that appears suddenly makes the plan jump. The
 side is the one with more space. It is kept for an encounter, unless a moving obstacle comes over
@@ -32,6 +37,8 @@ LATERAL_MARGIN = 0.12
 PLATEAU_LENGTH = 0.05
 # Distance at which a side is chosen [m]: 1.5 s at 2 m/s.
 SIDE_CHOICE_DISTANCE = 3.0
+# Distance past the obstacle at which the side is forgotten [m].
+SIDE_RELEASE_DISTANCE = 1.0
 # Distance [m] from the expected place within which it is the same obstacle: a body length. The
 # centres of two cars in one lane are further apart.
 MAX_OBSTACLE_JUMP = 2.0 * HALF_LENGTH
@@ -162,7 +169,7 @@ class Corridor:
 
     def _choose_side(self, o: Obstacle, distance: float) -> float:
         """1: pass on its left, -1: on its right, 0: it is too far away."""
-        if not -SIDE_CHOICE_DISTANCE < distance < 1.0:
+        if not -SIDE_CHOICE_DISTANCE < distance < SIDE_RELEASE_DISTANCE:
             self._sides.pop(o, None)
             return 0.0
         return self._sides.setdefault(o, 1.0 if o.offset <= 0.0 else -1.0)

@@ -1,12 +1,15 @@
-"""Base class of planning controllers: one plan for each sample, within its time, from the last one.
+"""Base class of planning controllers: for each sample, a plan from the last one in limited time.
 
     last plan -> shift -> improve -> plan
 
-A plan is finished within ``budget`` s by ``clock``, or it is discarded and the last plan is
-continued (``PlanOutcome.LATE``): its next stages were planned for this time. A plan that
-diverges is restarted from a guess along the path; if that diverges too, the outcome is
-``DIVERGED``. If obstacles leave no passage, it is ``BLOCKED``. All outcomes are counted; the caller
-decides when to brake.
+A plan that takes longer than ``budget`` s by ``clock`` is discarded and the last plan is continued
+(``PlanOutcome.LATE``): its next stages were planned for this time. The clock is read before each
+ten iterations of the solver, so a plan may take as much longer as ten of them. Without a last plan
+the guess along the path is returned as LATE.
+
+A plan that diverges is restarted from such a guess; if that diverges too, the outcome is
+``DIVERGED``. If obstacles leave no passage, it is ``BLOCKED``. All outcomes are counted, also the
+DIVERGED of a plan that was restarted; the caller decides when to brake.
 """
 
 from __future__ import annotations
@@ -48,7 +51,8 @@ class MpcPlan:
 
     t [s]: time of the first state; states (n + 1, 8) as in ``model``, x and y of the rear axle;
     s (n + 1,) [m]; inputs (3, n): tau, st, v_s [m/s], each constant for ``STAGE_PERIOD``;
-    slopes (n, 8, 8): of each state to the previous one.
+    slopes (n, 8, 8): of each state to the previous one, of the newest linearisation: zeros for a
+    guess, those of the last plan where it was only shifted.
     """
 
     t: float
@@ -131,7 +135,8 @@ class MpcPlanner(ABC, Generic[PlanT]):
 
         1. Shift the last plan to t; without one, start from a guess along the path.
         2. Improve it. If it diverges, improve the guess instead, with more iterations.
-        3. If the time is over, return the shifted plan as LATE.
+        3. If the time is over, return what step 1 gave, or the guess of step 2, as LATE.
+        4. For a state that is not finite, return it as DIVERGED.
 
         last_inputs: tau, st that act until then.
         """

@@ -1,9 +1,13 @@
 """The quadratic programme of one iteration, in the changes of all inputs.
 
-    minimise  sum_k  q_c e_c^2 + q_l e_l^2 + q_v (v_s - V)^2 + q_u (tau^2 + st^2)
-                     + q_t (tau - tau_last)^2 + q_s (st - st_last)^2
-    hard      ranges of inputs, rates of inputs, |s - s_last| <= MAX_PROGRESS_STEP
+    minimise  sum_k  q_c e_c^2 + q_l e_l^2 + q_v (v_s - V)^2 + q_u (tau_c^2 + st_c^2)
+                     + q_t (change of tau_c)^2 + q_s (change of st_c)^2
+    hard      ranges of inputs, rates of inputs, |s - s of the last plan| <= MAX_PROGRESS_STEP
     soft      low <= e_c <= high,   v_x <= 1.05 V,   |v_x omega| <= a_lat,   s + e_l <= line
+
+q_c: ``Weights.contour``, times ``ends`` at the last stage; q_l: ``lag``; q_v: ``progress``; q_u:
+``input``; q_t, q_s: ``throttle_change``, ``steering_change``. A change is that from stage to stage,
+of the first one from the command that was sent last. In the code tau and st are the commands.
 
 e_c, e_l are linear in the input changes through the slopes of the stages (``condense``), so the
 states are no variables: 3 x 20 variables remain. Without the limit of the progress the iteration
@@ -50,8 +54,8 @@ TYRE_SHARE = 0.8
 class Weights:
     """Weights of the cost, see the module.
 
-    ends: factor of q_c at the last stage; lane, speed, lateral, line: prices per m, m/s, m/s2, m of
-    the soft limits.
+    lag: of the longitudinal error e_l; ends: factor of q_c at the last stage; lane, speed, lateral,
+    line: prices per m, m/s, m/s2, m of the soft limits (``MpcLimits.lane`` is the limit itself).
     """
 
     contour: float = 20.0

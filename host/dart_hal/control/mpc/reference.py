@@ -3,8 +3,9 @@
     e_c = cos(phi) (y - y_r) - sin(phi) (x - x_r)     lateral, left positive
     e_l = cos(phi) (x - x_r) + sin(phi) (y - y_r)     longitudinal
 
-with slopes to the progress of -k e_l and k e_c - 1. The curvature is a moving average over
-``CURVATURE_WINDOW``, as no wheel can follow a step of it.
+x_r, y_r, phi: pose of the path at s. The slopes to s are -k e_l and k e_c - 1. Their curvature k is
+a moving average over ``CURVATURE_WINDOW``, as no wheel can follow a step of it; between its points
+the pose is interpolated by the curvature of the path itself.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class PathReference:
         )
 
     def curvatures(self, s: FloatArray) -> FloatArray:
-        """Return the curvature [1/m] at progresses [m]."""
+        """Return the averaged curvature [1/m] at progresses [m]."""
         k = np.rint(s / self.path.spacing).astype(int)
         n = len(self._curvature)
         bends: FloatArray = self._curvature[k % n if self.path.closed else np.clip(k, 0, n - 1)]

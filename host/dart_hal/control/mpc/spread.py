@@ -25,7 +25,8 @@ POSITION_STD = 0.002
 def lateral_std(plan: MpcPlan, cov: FloatArray) -> FloatArray:
     """Return the standard deviation [m] across the heading of each state (n + 1,) of a plan.
 
-    cov (5, 5): covariance of the motion estimate at its beginning.
+    cov (5, 5): covariance of the motion estimate. It counts as that of the first state, which is
+    predicted from that estimate over the transport delay.
     """
     first = np.zeros((8, 8))
     first[np.ix_(ESTIMATED_STATES, ESTIMATED_STATES)] = cov

@@ -9,6 +9,11 @@ A scan is not a measurement with its own noise: the matcher minimises scan and p
 its correction of pose and scale updates the other states through the covariance. A wrong latency
 shifts the scan along the path of the car; this makes tau observable. A scan measures the pose in
 its middle; the motion from there to its end is of wheels and gyro, with their errors.
+
+The pose filter of the car fuses these poses with the same wheels and gyro again and takes both for
+independent. Where walls are visible the scan determines the pose, and the prior by wheels and gyro
+has little weight in it. Along a corridor it has all the weight: there the pose filter counts their
+information twice and may be too confident.
 """
 
 from __future__ import annotations
@@ -25,12 +30,14 @@ from dart_hal.estimation.spin import SPIN_SPEED_STD
 
 POSE = slice(0, 3)
 ERRORS = slice(3, 7)
+SLIP = 6
 TAU = 7
 SCALE = 8
 # States that the match of a scan estimates.
 MATCHED = (0, 1, 2, SCALE)
-# One sigma at the start: pose of a coarse search; an uncalibrated car; slip of the published sets
-# (0.011 and 0.034 rad per m/s2); 1.5 % of the distances of an uncalibrated X4 at 2 sigma.
+# One sigma of each state at the start. x, y, yaw: of a coarse search. k, b, g: of an uncalibrated
+# car. s: of the published sets (0.011 and 0.034 rad per m/s2). tau: as large as MEAN_LATENCY.
+# scale: 1.5 % of the distances at 2 sigma, of an uncalibrated X4.
 START_STDS = np.array((0.05, 0.05, 0.03, 0.03, 0.015, 0.02, 0.016, 0.010, 0.008))
 # rad per m/s2: mean of the published sets.
 MEAN_SLIP_GAIN = 0.0225
@@ -101,7 +108,9 @@ class Belief:
         c = np.cos(self.mean[2] - end)
         s = np.sin(self.mean[2] - end)
         turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-        # 1. The matched quantities by the state: the pose in the middle of the scan, and scale.
+        # 1. Observation matrix H (4, 9): the matched pose, x, y, yaw, and scale, by the state. The
+        #    scan measures the pose in its middle, so the effect of the errors (k, b, g, s) and of
+        #    tau on the motion from there to the end is subtracted.
         observation = np.zeros((4, len(START_STDS)))
         observation[(0, 1, 2, 3), MATCHED] = 1.0
         observation[:3, ERRORS] = -turn @ stretch.jacobian
@@ -139,7 +148,7 @@ def start_belief(t: float, pose: FloatArray, std: FloatArray = START_STDS) -> Be
     """Return the belief at a pose (3,) from a search, with the errors of an unknown car."""
     mean = np.zeros(len(START_STDS))
     mean[POSE] = pose
-    mean[6] = MEAN_SLIP_GAIN
+    mean[SLIP] = MEAN_SLIP_GAIN
     mean[TAU] = MEAN_LATENCY
     return Belief(t, mean, np.diag(std**2))
 

@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.boxes import select_walls
 from dart_hal.estimation.localisation.grid import Grid, lines_of_grid
 
-# m between two nodes: the constant c of the weights in the matcher is three of them.
+# m between two nodes, about a third of ``matcher.C``, over which the weights change.
 NODE_SPACING = 0.025
 # m at which the distance is cut off: the matcher ignores more than 0.5 m.
 MAX_FIELD_DISTANCE = 0.6

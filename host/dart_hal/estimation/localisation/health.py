@@ -137,10 +137,11 @@ def _adjacent(beams: BoolArray) -> BoolArray:
 class TrackJudge:
     """Status of one track.
 
-    mean: agreement of its first scan; searched: that scan, if only a search indicates that this is
-    the room of the map.
+    Parameters: ``mean``: agreement of its first scan, with which the mean begins; ``searched``: all
+    figures of that scan, if only a search indicates that this is the room of the map.
 
-    ``mean``: agreement of the last seconds; ``in_doubt``: the last scan disagrees.
+    After a call: ``mean``: agreement, averaged over the last 20 scans; ``in_doubt``: the last scan
+    disagrees.
     """
 
     def __init__(self, mean: float, searched: Agreement | None = None) -> None:

@@ -28,7 +28,7 @@ from dart_hal.estimation.localisation.health import MIN_PROOF, Status, TrackJudg
 from dart_hal.estimation.localisation.path import OdometrySteps
 from dart_hal.estimation.localisation.search import search
 
-# Scans that a pose from a search must explain, while the car moves, before it is reported.
+# Scans after that of a search which its pose must explain; it is reported with the last of them.
 MIN_PROOF_SCANS = 5
 # m of travel in which it must explain them if boxes are not as in the map: another room of the
 # same outline has walls elsewhere.

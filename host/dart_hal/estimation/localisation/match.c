@@ -1,8 +1,11 @@
-/* Gauss-Newton of matcher.py: from `pose` on, which becomes the best; `info` is what the scan tells.
+/* Gauss-Newton of `match_numpy` in matcher.py. `pose` is the start and becomes the result; `info` is
+ * the information of the scan alone.
  *
- * Beams p, q (n, 2) by rows: end points and how they go with the scale. A patch of the map holds the
- * distance at a node and what x, y and x y add to it. The system is of order 4 and positive definite,
- * for `known` is: Cholesky.
+ * p, q (n, 2) by rows: `points` and `rays`, the end points and their derivative by the scale. patch:
+ * `Map.patch`, the distance at a node and its change by x, y and x y; left, low: `Map.origin`. c2:
+ * C squared, far: MAX_WALL_DISTANCE, sigma: WALL_DISTANCE_STD, strength: C^4 / sigma^2,
+ * steps: MAX_ITERATIONS. h, g: normal equations, of order 4, positive definite as `known` is:
+ * solved by Cholesky's method.
  */
 #include <math.h>
 #include <stdint.h>

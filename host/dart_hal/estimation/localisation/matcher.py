@@ -1,10 +1,13 @@
 """Scan matching by Gauss-Newton: the pose at which the end points of a scan lie on map walls.
 
-    minimise  sum rho(d(R p + x)) / sigma^2  +  (m - m0)' I (m - m0),     m = x, y, yaw, scale
+    minimise  sum rho(d(R (p + scale q) + x)) / sigma^2  +  (m - m0)' I (m - m0)
 
-d: distance field of the map. rho: Geman-McClure, weight 1 / (1 + (d / C)^2)^2, so that points far
-from every wall (another car, an unknown box) have no influence. The second term is the prior of the
-filter: in a corridor, wheels determine the position along it.
+    m = x, y, yaw, scale     R: rotation by yaw; p: end points of the scan; q: their change by scale
+    rho(d) = d^2 / (1 + (d / C)^2)     Geman-McClure; as a weight of d^2: 1 / (1 + (d / C)^2)^2
+
+d: distance field of the map. Points far from every wall (another car, an unknown box) have no
+influence. The second term is the prior of the filter: in a corridor, wheels determine the position
+along it.
 """
 
 from __future__ import annotations

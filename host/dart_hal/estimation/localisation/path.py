@@ -1,4 +1,4 @@
-"""Motion between two times by wheels and gyro, corrected by the errors that the filter knows.
+"""Odometry for the localiser: motion between two times, corrected by the errors it estimates.
 
 The steps of the odometry are stored as received, in the axes of the car in the middle of each. A
 stretch of them is recomputed for each scan, because scale, bias and slip are then known better.

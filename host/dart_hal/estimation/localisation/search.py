@@ -103,6 +103,8 @@ def _rank_places(chart: Map, points: FloatArray) -> list[FloatArray]:
         _add_beams(score, sheets, np.round(turned / chart.cell).astype(int), stride)
     scores *= free
     poses: list[FloatArray] = []
+    # The best scores, about 40 for each place to be refined, in decreasing order: most are
+    # neighbours of a better one and are skipped.
     for index in np.argsort(scores, axis=None)[:-40 * REFINED_PLACES:-1]:
         k, j, i = np.unravel_index(index, scores.shape)
         step = stride * chart.cell

@@ -59,7 +59,10 @@ class LidarPoses:
         self._states.extend(states)
 
     def add(self, scan: Scan) -> None:
-        """Process or queue a scan that was complete at the added States."""
+        """Process a scan, or queue it for the thread, with the States added since the last one.
+
+        These States reach up to the arrival of the scan.
+        """
         work = (tuple(self._states), scan)
         self._states = []
         if self._work is None:
@@ -91,7 +94,7 @@ class LidarPoses:
             self._locate(*item)
 
     def _locate(self, states: tuple[State, ...], scan: Scan) -> None:
-        """Localise one scan and store its pose."""
+        """Localise one scan and store its pose for ``poll``; not one before time 0 of the car."""
         for state in states:
             self._localiser.update_odometry(state.t, state.pose.x, state.pose.y, state.pose.yaw,
                                        state.accel_x)

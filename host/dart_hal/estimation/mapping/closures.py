@@ -1,6 +1,7 @@
 """Loop closures: the pose of a keyframe in an earlier submap, and its validation.
 
-1. Candidates are the submaps near the pose that the graph has for the car.
+1. The candidate is the earlier submap with the keyframe nearest to the car, by the poses of the
+   graph, if that is within ``MAX_CANDIDATE_DISTANCE``. Only one is tried.
 2. The matcher refines the pose in the submap.
 3. Ray casting checks whether the submap explains the scan there.
 """

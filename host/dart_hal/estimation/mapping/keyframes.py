@@ -28,9 +28,10 @@ class ScanView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """A pose of the car with its scans.
+    """Scans at one place of the drive; its pose is the same row of ``Survey.poses``.
 
-    travel [m]: driven before it; views: the first was taken here, the others before the next.
+    travel [m]: driven before it; views: the first was taken here and defines the place, the others
+    before the next keyframe.
     """
 
     travel: float

@@ -29,7 +29,7 @@ from dart_hal.estimation.mapping.graph import Edge, relative_pose, solve
 from dart_hal.estimation.mapping.keyframes import Keyframe, ScanView, Survey, collect_points
 from dart_hal.estimation.mapping.surfels import chart_of_points
 
-# m from one keyframe to the next: a scan of a car at 2 m/s.
+# m from one keyframe to the next: what a car at 2 m/s drives in a revolution of the lidar.
 KEYFRAME_DISTANCE = 0.25
 # rad, likewise.
 KEYFRAME_ANGLE = 0.25
