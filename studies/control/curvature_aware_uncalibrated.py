@@ -86,7 +86,7 @@ def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc") -> Passing:
                 found.clearance, clearance(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t)
             )
             found.rows.append((motion.t, at - follower.begun_at, path.offset(x, y, at), true.v_x,
-                               *layers._learning.disturbance.value))
+                               *layers._disturbance.value))
         found.why = follower.why
     return found
 

@@ -219,19 +219,19 @@ class Telemetry:
         gyro = sample.gyro
         acc = sample.acc
         # The IMU is not compared with a speed that is itself in doubt.
-        turn = gyro[2] - self.odometry.bias.value if gyro else 0.0
+        yaw_rate = gyro[2] - self.odometry.bias.value if gyro else 0.0
         compared = 0.0 if self.speed.ambiguous or not armed or self.encoder.doubts else speed
-        if not self.imu.judge(sample.t_dev, sample.imu_t, gyro, acc, turn, compared,
+        if not self.imu.judge(sample.t_dev, sample.imu_t, gyro, acc, yaw_rate, compared,
                               applied.steering):
             gyro = acc = None
         accepted, acc, integrated = self._filter_samples(sample, t_gyro, gyro, acc)
-        turn = accepted.value - self.odometry.bias.value if accepted else 0.0
+        yaw_rate = accepted.value - self.odometry.bias.value if accepted else 0.0
         dt = (sample.t_dev - self.last_dev) * rate if self.last_dev else 0.0
         throttle = 0.0 if sample.flags & TRIPPED_FLAG else applied.throttle
         self._update_direction(sample, dt, integrated)
         self.encoder.judge(dt, speed, std, sample.ticks - self._ticks, self.speed.rejected,
                            throttle, applied.steering, armed, integrated[0] if integrated else None,
-                           turn if accepted else None)
+                           yaw_rate if accepted else None)
         self._ticks = sample.ticks
         return accepted, acc
 
@@ -248,13 +248,13 @@ class Telemetry:
             for channel in self._filters:
                 channel.restart()
             return None, None, None
-        turn, along, aside = self._filters
-        accepted = turn.add(sample.imu_t, gyro[2], t_gyro)
-        x = along.add(sample.imu_t, acc[0], sample.imu_t)
-        y = aside.add(sample.imu_t, acc[1], sample.imu_t)
+        rate_filter, x_filter, y_filter = self._filters
+        accepted = rate_filter.add(sample.imu_t, gyro[2], t_gyro)
+        x = x_filter.add(sample.imu_t, acc[0], sample.imu_t)
+        y = y_filter.add(sample.imu_t, acc[1], sample.imu_t)
         # Count replaced samples; report those that repeat within JUMP_REPORT_TIME.
         # A pair of accelerations is no fault: a pulse of the ESC's brake lasts 20 ms.
-        jumped = sum(channel.rejected for channel in self._filters) + turn.pairs
+        jumped = sum(channel.rejected for channel in self._filters) + rate_filter.pairs
         if jumped > self._jumped:
             several = jumped > self._jumped + 1
             if several or sample.t_dev - self._last_jump < JUMP_REPORT_TIME:

@@ -37,10 +37,10 @@ OFFSET_ERROR_GROWTH = 0.04
 MAX_OFFSET_ERROR = 0.2
 # Multiple of the standard deviation that the encoder reports.
 ENCODER_SIGMAS = 2.0
-# m/s of that deviation that are used: uneven marks, age of a pair. A larger one may itself be
+# m/s of that deviation that are used: uneven intervals, age of a pair. A larger one may itself be
 # caused by missing edges.
 MAX_ENCODER_STD = 0.04
-# Share of the speed that must be missing for the quick reference: lost marks, not a moment that
+# Share of the speed that must be missing for the quick reference: lost edges, not a moment that
 # two sensors place differently.
 MIN_LOST_SHARE = 0.33
 # Share of the change of speed: mounting within 3 deg, scale, filter, age of the pair.
@@ -59,7 +59,7 @@ SKEW_MEMORY = 0.1
 MIN_AGREEMENT_TIME = 0.5
 # s without an edge in which the model must predict MIN_EDGES of them.
 MIN_SILENCE = 0.3
-# Missing or additional edges, as travel: fewer are the resolution of the marks, also at a start.
+# Missing or additional edges, as travel: fewer are the resolution of the encoder, also at a start.
 MIN_EDGES = 5
 # Edges are missing if the speed is for MIN_DEFICIT_TIME s by SPEED_DEFICIT m/s below ``low``.
 SPEED_DEFICIT = 0.1

@@ -76,7 +76,7 @@ class ImuCheck:
         self._last_t = -inf
         self._turns: deque[tuple[float, float, float]] = deque()
         self._disagrees_since: float | None = None
-        self._lateral = self._turn_lateral = 0.0
+        self._lateral = self._gyro_lateral = 0.0
         self._now = -inf
 
     def restart(self) -> None:
@@ -103,7 +103,7 @@ class ImuCheck:
             self._check_sample(t_imu, gyro, acc)
         share = min((now - self._now) / LATERAL_FILTER_TIME, 1.0)
         self._lateral += (acc[1] - self._lateral) * share
-        self._turn_lateral += (speed * turn - self._turn_lateral) * share
+        self._gyro_lateral += (speed * turn - self._gyro_lateral) * share
         self._now = now
         good = self._good_samples >= MIN_GOOD_SAMPLES
         doubt = self._compare_with_wheels(now, turn, low, high, speed) if good else None
@@ -148,17 +148,17 @@ class ImuCheck:
         return (min(t[1] for t in turns) - TURN_RATE_ERROR,
                 max(t[2] for t in turns) + TURN_RATE_ERROR)
 
-    def _compare_with_wheels(self, now: float, turn: float, low: float, high: float,
+    def _compare_with_wheels(self, now: float, yaw_rate: float, low: float, high: float,
                              speed: float) -> Doubt | None:
         """Return the disagreement of gyro and wheels that has lasted, or None."""
         # 1. Is the bend gentle enough that every ground holds the car?
-        lateral = abs(speed) * max(abs(turn), -low, high)
+        lateral = abs(speed) * max(abs(yaw_rate), -low, high)
         has_grip = lateral < MIN_LATERAL_GRIP
         # 2. If not, understeer explains every turn rate from 0 to that of the wheels.
         if not has_grip:
             low = min(low, 0.0)
             high = max(high, 0.0)
-        if abs(speed) < MIN_COMPARED_SPEED or low <= turn <= high:
+        if abs(speed) < MIN_COMPARED_SPEED or low <= yaw_rate <= high:
             self._disagrees_since = None
             return None
         if self._disagrees_since is None:
@@ -169,6 +169,6 @@ class ImuCheck:
         if not has_grip:
             wheels = min(max(self._lateral, min(speed * low, speed * high)),
                          max(speed * low, speed * high))
-            has_grip = abs(self._lateral - self._turn_lateral) > (
+            has_grip = abs(self._lateral - self._gyro_lateral) > (
                 LATERAL_ERROR + abs(self._lateral - wheels))
         return Doubt.IMU_DISAGREES if has_grip else Doubt.CAR_SLIDES

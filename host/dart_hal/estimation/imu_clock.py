@@ -158,9 +158,9 @@ class ImuClock:
         younger = region == AFTER
         if before not in (NONE, region):
             self._observe_edge(look == BOTH if younger else self._blank_reads > 0, younger)
-        turn = self._wraps * PERIOD
-        low = turn + (0.0 if younger else LOOK_TIME - LOOK_STD)
-        high = turn + (LOOK_TIME + LOOK_STD if younger else PERIOD)
+        wrap_offset = self._wraps * PERIOD
+        low = wrap_offset + (0.0 if younger else LOOK_TIME - LOOK_STD)
+        high = wrap_offset + (LOOK_TIME + LOOK_STD if younger else PERIOD)
         self._observe_region(low, high)
         return low, high
 

@@ -5,7 +5,7 @@ An edge of ring B falls at the phase u in (0, 1) of the current interval of ring
     u = (t_b - t_a0) / (t_a1 - t_a0)        t_a0 < t_b <= t_a1: edges of A around it
 
 Forwards u has a density p_f(u), backwards p_b(u). The angle between the rings is unknown, the
-marks are uneven, and a Hall switch opens at a weaker field than it closes at, so p_b(u) is not
+teeth are uneven, and a Hall switch opens at a weaker field than it closes at, so p_b(u) is not
 quite p_f(1 - u). Both densities are therefore learnt as histograms, each while command and
 acceleration agree on the direction. The sum over the newest edges decides:
 

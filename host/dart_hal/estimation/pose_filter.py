@@ -200,9 +200,10 @@ class PoseFilter:
         after = [step.event for step in self._steps[len(before):]]
         part = t - before[-1].t
         if after and isinstance(motion := after[0], MotionStep) and part > MIN_STEP:
-            turn = motion.yaw_variance / motion.dt
-            place = motion.place_variance / motion.dt
-            first, rest = (motion._replace(dt=dt, yaw_variance=turn * dt, place_variance=place * dt)
+            yaw_variance_rate = motion.yaw_variance / motion.dt
+            place_variance_rate = motion.place_variance / motion.dt
+            first, rest = (motion._replace(dt=dt, yaw_variance=yaw_variance_rate * dt,
+                                           place_variance=place_variance_rate * dt)
                            for dt in (part, motion.dt - part))
             before += self._replay(before[-1], [first])
             after[0] = rest

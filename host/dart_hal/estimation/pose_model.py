@@ -135,31 +135,31 @@ def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise)
     mean[:BIAS] += (dx, dy, omega * dt, speed - mean[SPEED], omega - mean[RATE])
 
     # Jacobian of the step. One number at a time: five times quicker than by lists of indices.
-    step = EYE.copy()
-    step[SPEED, SPEED] = step[RATE, RATE] = 0.0
-    step[X, YAW] = -dy
-    step[Y, YAW] = dx
-    step[X, TRAVEL] = chord * c
-    step[Y, TRAVEL] = chord * s
-    step[SPEED, TRAVEL] = wheels
-    step[X, SLIP] = outwards * s
-    step[Y, SLIP] = -outwards * c
+    jacobian = EYE.copy()
+    jacobian[SPEED, SPEED] = jacobian[RATE, RATE] = 0.0
+    jacobian[X, YAW] = -dy
+    jacobian[Y, YAW] = dx
+    jacobian[X, TRAVEL] = chord * c
+    jacobian[Y, TRAVEL] = chord * s
+    jacobian[SPEED, TRAVEL] = wheels
+    jacobian[X, SLIP] = outwards * s
+    jacobian[Y, SLIP] = -outwards * c
     if gyro:
         for row, effect in ((X, -0.5 * dy * dt), (Y, 0.5 * dx * dt), (YAW, dt), (RATE, 1.0)):
-            step[row, BIAS] = -gain * effect
-            step[row, GYRO] = (rate - bias) * effect
+            jacobian[row, BIAS] = -gain * effect
+            jacobian[row, GYRO] = (rate - bias) * effect
 
-    # Process noise Q: travel along the heading, slip across it, yaw by the gyro.
+    # Process noise Q: travel along the heading, slip across it, yaw by the gyro (q_yaw, rad2).
     sampled = (noise.gyro_noise**2 + (SAMPLE_AGE_NOISE * omega)**2) * dt if gyro else 0.0
     along = abs(length) * noise.travel**2
     across = abs(length) * noise.slip**2
-    turn = sampled + variance
-    xy = (along - across) * c * s - 0.25 * dx * dy * turn
-    cov = step @ state.cov @ step.T
+    q_yaw = sampled + variance
+    xy = (along - across) * c * s - 0.25 * dx * dy * q_yaw
+    cov = jacobian @ state.cov @ jacobian.T
     cov[:SPEED, :SPEED] += (
-        (along * c * c + across * s * s + 0.25 * dy * dy * turn + place, xy, -0.5 * dy * turn),
-        (xy, along * s * s + across * c * c + 0.25 * dx * dx * turn + place, 0.5 * dx * turn),
-        (-0.5 * dy * turn, 0.5 * dx * turn, turn))
+        (along * c * c + across * s * s + 0.25 * dy * dy * q_yaw + place, xy, -0.5 * dy * q_yaw),
+        (xy, along * s * s + across * c * c + 0.25 * dx * dx * q_yaw + place, 0.5 * dx * q_yaw),
+        (-0.5 * dy * q_yaw, 0.5 * dx * q_yaw, q_yaw))
     cov[SPEED, SPEED] += SPEED_STD**2 + speed_error**2
     rate_std = GYRO_SAMPLE_STD if gyro else NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(rate)
     cov[RATE, RATE] += rate_std**2
@@ -240,9 +240,9 @@ def update_with_pose(state: FilterState, pose: FloatArray, cov: FloatArray) -> F
 def to_marker(state: FilterState) -> FilterState:
     """Convert the state to one with the pose of the marker in place of that of the axle."""
     mean = state.mean.copy()
-    turn = _marker_jacobian(state.mean, state.mean[YAW])
+    jacobian = _marker_jacobian(state.mean, state.mean[YAW])
     mean[:SPEED] += _lever_arm(mean, mean[YAW])
-    return FilterState(mean, turn @ state.cov @ turn.T, state.rest_time)
+    return FilterState(mean, jacobian @ state.cov @ jacobian.T, state.rest_time)
 
 
 def _to_axle(marker: FilterState) -> FilterState:
@@ -276,15 +276,15 @@ def _marker_jacobian(mean: FloatArray, yaw: float) -> FloatArray:
     c = cos(yaw)
     s = sin(yaw)
     dx, dy, _ = _lever_arm(mean, yaw)
-    turn: FloatArray = EYE.copy()
-    turn[X, YAW] = -dy
-    turn[Y, YAW] = dx
-    turn[YAW, THETA] = -1.0
-    turn[X, LX] = c
-    turn[X, LY] = -s
-    turn[Y, LX] = s
-    turn[Y, LY] = c
-    return turn
+    jacobian: FloatArray = EYE.copy()
+    jacobian[X, YAW] = -dy
+    jacobian[Y, YAW] = dx
+    jacobian[YAW, THETA] = -1.0
+    jacobian[X, LX] = c
+    jacobian[X, LY] = -s
+    jacobian[Y, LX] = s
+    jacobian[Y, LY] = c
+    return jacobian
 
 
 def _expected_pose(marker: FilterState) -> tuple[FloatArray, FloatArray]:

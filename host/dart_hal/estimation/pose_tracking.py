@@ -173,8 +173,8 @@ class PoseTracker:
             return outcome, fix.t
         seconds = fix.t - start.t
         driven = _distance(start.odometry, fix.odometry)
-        update = hypot(fix.pose.x - start.pose.x, fix.pose.y - start.pose.y)
-        if driven > MIN_WHEEL_SPEED * seconds and update < MAX_LOCKED_SPEED * seconds:
+        moved = hypot(fix.pose.x - start.pose.x, fix.pose.y - start.pose.y)
+        if driven > MIN_WHEEL_SPEED * seconds and moved < MAX_LOCKED_SPEED * seconds:
             while len(accepted) > 1 and accepted[-1].t > start.t:
                 accepted.pop()
             self._candidates = [fix]
@@ -221,14 +221,16 @@ def propagate_pose(pose: ExternalPose, start: Pose, end: Pose) -> Pose:
     ox = end.x - start.x
     oy = end.y - start.y
     xx, xt, yy, yt, tt = (float(start.cov[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2), (2, 2)))
-    lag = (MAX_MARKER_OFFSET * (end.yaw - start.yaw))**2 + (MAX_MARKER_YAW**2) * (ox * ox + oy * oy)
-    position_variance = lag + (
+    # Error of the way of the marker, which is off the axle by an unknown vector and yaw.
+    marker_variance = ((MAX_MARKER_OFFSET * (end.yaw - start.yaw))**2
+                       + (MAX_MARKER_YAW**2) * (ox * ox + oy * oy))
+    position_variance = marker_variance + (
         max(float(end.cov[0, 0]) - (xx - 2.0 * oy * xt + oy * oy * tt), 0.0)
         + max(float(end.cov[1, 1]) - (yy + 2.0 * ox * yt + ox * ox * tt), 0.0))
-    turn = max(float(end.cov[2, 2]) - tt, 0.0)
+    yaw_variance = max(float(end.cov[2, 2]) - tt, 0.0)
     lever = np.array(((1.0, 0.0, pose.y - y), (0.0, 1.0, x - pose.x), (0.0, 0.0, 1.0)))
     cov = lever @ pose.cov @ lever.T
-    cov[(0, 1, 2), (0, 1, 2)] += (position_variance, position_variance, turn)
+    cov[(0, 1, 2), (0, 1, 2)] += (position_variance, position_variance, yaw_variance)
     cov.setflags(write=False)
     return Pose(x, y, yaw, cov)
 
@@ -248,11 +250,11 @@ def _is_reachable(a: _TimedPose, b: _TimedPose) -> bool:
         return True
     predicted = propagate_pose(a.pose, a.odometry, b.odometry)
     external_cov = b.pose.cov
-    spread = sqrt(float(predicted.cov[0, 0] + predicted.cov[1, 1]
+    position_std = sqrt(float(predicted.cov[0, 0] + predicted.cov[1, 1]
                         + external_cov[0, 0] + external_cov[1, 1]))
-    turn = sqrt(float(predicted.cov[2, 2] + external_cov[2, 2]))
-    return (error <= POSE_STEP + POSE_GATE_SIGMAS * spread
-            and yaw_error <= YAW_STEP + POSE_GATE_SIGMAS * turn)
+    yaw_std = sqrt(float(predicted.cov[2, 2] + external_cov[2, 2]))
+    return (error <= POSE_STEP + POSE_GATE_SIGMAS * position_std
+            and yaw_error <= YAW_STEP + POSE_GATE_SIGMAS * yaw_std)
 
 
 def _is_same_motion(a: _TimedPose, b: _TimedPose) -> bool:

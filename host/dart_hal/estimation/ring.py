@@ -1,7 +1,7 @@
 """Positions of the edges of an encoder ring: table, learning, alignment.
 
 Interval i lies between edge i and edge i + 1. A table holds N fractions, the
-interval divided by the mean, sum N. The Nano counts from an arbitrary tooth
+interval divided by the mean, sum N. The Nano counts from an arbitrary edge
 after every start, so the shift between count and table must be found first.
 """
 
@@ -163,7 +163,7 @@ class RingLearner:
         """Compute the table for a ring with ``edges_per_rev`` edges.
 
         1. Divide each interval by the mean of the revolution centred on it.
-        2. Average over the revolutions, tooth by tooth.
+        2. Average over the revolutions, for each interval of the ring.
         3. Correct each value for the acceleration: the centre of the revolution is not exactly the
            centre of the interval. Average again.
 
@@ -175,25 +175,25 @@ class RingLearner:
         if not parts:
             raise ValueError(f"{self.intervals} joined intervals are too few for "
                              f"{edges_per_rev} edges")
-        tooth, value, around = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        index, value, around = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         gains = np.concatenate([np.gradient(p[2]) for p in parts]) / around
-        counts = np.bincount(tooth, minlength=edges_per_rev)
+        counts = np.bincount(index, minlength=edges_per_rev)
         if counts.min() < 1 or value.size < edges_per_rev:
             raise ValueError(
                 f"{self.intervals} joined intervals are too few for {edges_per_rev} edges")
-        mean = np.bincount(tooth, value, edges_per_rev) / counts
-        value = value * (1.0 + gains * centre_offsets(mean)[tooth])
-        mean = np.bincount(tooth, value, edges_per_rev) / counts
+        mean = np.bincount(index, value, edges_per_rev) / counts
+        value = value * (1.0 + gains * centre_offsets(mean)[index])
+        mean = np.bincount(index, value, edges_per_rev) / counts
         fractions = mean * (edges_per_rev / mean.sum())
-        residual = value - mean[tooth]
-        spread = np.sqrt(np.bincount(tooth, residual**2, edges_per_rev)
+        residual = value - mean[index]
+        spread = np.sqrt(np.bincount(index, residual**2, edges_per_rev)
                          / np.maximum(counts - 1, 1))
         return LearntRing(fractions, spread / np.sqrt(counts), value.size / edges_per_rev,
                           float(np.sqrt(np.mean(residual**2))),
                           float(np.sqrt(np.mean(around**2))))
 
     def period(self, candidates: Iterable[int]) -> int:
-        """Return the number of edges per revolution that repeats best (a missing mark lowers it).
+        """Return the number of edges per revolution that repeats best (a missing tooth lowers it).
 
         The smallest candidate whose residual is within 20 % of the best one,
         so that a multiple does not win by its additional parameters.
@@ -208,7 +208,7 @@ def normalise_intervals(run: FloatArray, start: int, n: int
     """Divide each interval of a run by the mean of the revolution centred on it.
 
     The centred mean of n + 1 (half weights at its ends) is symmetric: a steady
-    acceleration cancels. Returns tooth index, ratio and mean, each (k,).
+    acceleration cancels. Returns index on the ring, ratio and mean, each (k,).
     """
     if run.size < n + 2:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
@@ -216,8 +216,8 @@ def normalise_intervals(run: FloatArray, start: int, n: int
     half = n // 2
     mean = np.convolve(run, weights / n, "valid")
     inner = run[half:half + mean.size]
-    teeth = (start + half + np.arange(mean.size)) % n
-    return teeth, inner / mean, mean
+    index = (start + half + np.arange(mean.size)) % n
+    return index, inner / mean, mean
 
 
 def centre_offsets(fractions: FloatArray) -> FloatArray:

@@ -92,7 +92,7 @@ class WheelSpeed:
         self._pair_time = 0.0
         self._pair_std = 0.0
         self._edges: deque[_Edge] = deque()
-        self._newest: deque[tuple[float, int]] = deque(maxlen=REVERSAL_FRAMES)
+        self._recent_speeds: deque[tuple[float, int]] = deque(maxlen=REVERSAL_FRAMES)
         self._has_frame = False
         self._silent = True
         self._count = 0
@@ -128,7 +128,7 @@ class WheelSpeed:
             self._add_edges(new, count, t_edge, dt_prev, rate)
         else:
             self._update_direction(hint, 0, (now - self._edge_t) * rate)
-        self._newest.append((abs(self.speed), self._interval))
+        self._recent_speeds.append((abs(self.speed), self._interval))
         return self._interpolate((now - self._edge_t) * rate)
 
     @property
@@ -150,7 +150,7 @@ class WheelSpeed:
         elif direction and self._time_since_start < MAX_START_TIME:
             self._reverse_since(self._start_interval)
         elif direction and certain:
-            self._reverse_since(min(self._newest, default=(0.0, self._interval))[1])
+            self._reverse_since(min(self._recent_speeds, default=(0.0, self._interval))[1])
         elif direction and (self.ambiguous or not self._driven):
             self._reverse_since(self._slowest_interval)
 
@@ -171,7 +171,7 @@ class WheelSpeed:
         self._reset_position()
 
     def _reset_position(self) -> None:
-        """Forget which tooth is under the sensor."""
+        """Forget which interval of the ring is under the sensor."""
         self.aligned = False
         self._ring = self._even_ring
         self._aligner = Aligner(self._table_ring) if self._table_ring is not None else None
@@ -179,7 +179,7 @@ class WheelSpeed:
         self._edge_position = self._origin = self.distance
         self._in_gap = 0.0
         self._edges.clear()
-        self._newest.clear()
+        self._recent_speeds.clear()
 
     def _is_noise(self, new: int, dt: float) -> bool:
         """Whether one frame has more edges than any acceleration of the car explains."""
@@ -279,7 +279,7 @@ class WheelSpeed:
         self._start_interval += shift
         self._slowest_interval += shift
         self._origin = self._edge_position - self._table_ring.position(edge + shift)
-        self._newest.clear()
+        self._recent_speeds.clear()
         newest = self._edges[-1]
         self._edges.clear()
         self._edges.append(newest)
@@ -339,7 +339,7 @@ class WheelSpeed:
         self._edge_position = self.distance
         self._in_gap = 0.0
         self._edges.clear()
-        self._newest.clear()
+        self._recent_speeds.clear()
         self.ambiguous = self._start_unsigned = self._confirmed = False
 
     # -- between edges ----------------------------------------------------

@@ -71,7 +71,8 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE_PERIOD) -> StageFunct
     f = adapt(xp)
     p = apply_parameter_effects(p)
     h = dt / SUBSTEPS_PER_STAGE
-    (on_t, half_t), (on_s, half_s) = (
+    # Each lag as (0 if it has none else 1, its decay in half of a step).
+    (has_lag_t, decay_t), (has_lag_s, decay_s) = (
         lag_decay(lag, h, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)
     )
     l_r = p.body.l_r
@@ -80,15 +81,16 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE_PERIOD) -> StageFunct
 
     def stage(x: Value, y: Value, psi: Value, vx: Value, vy: Value, om: Value, tau: Value,
               st: Value, tau_c: Value, st_c: Value) -> tuple[Value, ...]:
-        tau = on_t * (tau - tau_c)
-        st = on_s * (st - st_c)  # distance to the input
-        step_velocity = prepare_step(vx, vy, om, tau_c + half_t * tau, st_c + half_s * st)
+        # Difference of the lagged command to the input; it decays exponentially.
+        tau_lag = has_lag_t * (tau - tau_c)
+        st_lag = has_lag_s * (st - st_c)
+        step_velocity = prepare_step(vx, vy, om, tau_c + decay_t * tau_lag, st_c + decay_s * st_lag)
         for _ in range(SUBSTEPS_PER_STAGE):
             # 1. Mean commands of the step, then the velocity at its end.
-            mean_commands = tau_c + half_t * tau, st_c + half_s * st
-            tau = half_t * half_t * tau
-            st = half_s * half_s * st
-            vx1, vy1, om1 = step_velocity(vx, vy, om, *mean_commands, st_c + st)
+            mean_commands = tau_c + decay_t * tau_lag, st_c + decay_s * st_lag
+            tau_lag = decay_t * decay_t * tau_lag
+            st_lag = decay_s * decay_s * st_lag
+            vx1, vy1, om1 = step_velocity(vx, vy, om, *mean_commands, st_c + st_lag)
             # 2. The rear axle moves with the mean velocity, in the direction of the mean heading.
             v_along = 0.5 * (vx + vx1)
             v_lateral = 0.5 * (vy + vy1) - 0.5 * l_r * (om + om1)
@@ -101,7 +103,7 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE_PERIOD) -> StageFunct
             vx = vx1
             vy = vy1
             om = om1
-        return x, y, psi, vx, vy, om, tau_c + tau, st_c + st
+        return x, y, psi, vx, vy, om, tau_c + tau_lag, st_c + st_lag
 
     return stage
 
@@ -127,7 +129,7 @@ def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityS
         vx = f.fmax(vx, MAX_ROLLING_SPEED)  # below it the step does not use these slopes
         # Slopes of (v_y', omega') to (v_y, omega) by differences. The implicit step solves
         #     (I - theta h J) change = h (v_y', omega')
-        # with the 2 x 2 matrix ((a, -b), (-c, d)) below; det is h over its determinant.
+        # with the 2 x 2 matrix ((a, -b), (-c, d)) below; h_over_det is h over its determinant.
         _, ay, om_dot = derivatives(vx, vy, om, tau, st)
         _, ay_v, om_dot_v = derivatives(vx, vy + DIFFERENCE_STEP, om, tau, st)
         _, ay_o, om_dot_o = derivatives(vx, vy, om + DIFFERENCE_STEP, tau, st)
@@ -136,7 +138,7 @@ def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityS
         b = scale * (ay_o - ay)
         c = scale * (om_dot_v - om_dot)
         d = 1.0 - scale * (om_dot_o - om_dot)
-        det = h / (a * d - b * c)
+        h_over_det = h / (a * d - b * c)
 
         def step_velocity(vx: Value, vy: Value, om: Value, tau: Value, st: Value,
                           st_end: Value) -> tuple[Value, Value, Value]:
@@ -145,8 +147,8 @@ def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityS
                                             / (MIN_SLIPPING_SPEED - MAX_ROLLING_SPEED)))
             slipping = (
                 vx + h * ax,
-                vy + det * (d * ay + b * om_dot),
-                om + det * (c * ay + a * om_dot),
+                vy + h_over_det * (d * ay + b * om_dot),
+                om + h_over_det * (c * ay + a * om_dot),
             )
             vx, vy, om = (
                 r + slip_share * (s - r)

@@ -132,9 +132,10 @@ class ContouringProblem:
         identity = np.eye(n)
         zeros = np.zeros((n, n))
         self._progress: FloatArray = STAGE_PERIOD * np.tril(np.ones((n, n)))
-        step = identity - np.eye(n, k=-1)
-        self._step = np.block([[step, zeros, zeros], [zeros, step, zeros]])
-        change = step.T @ step
+        # Difference of each input to that of the stage before.
+        difference = identity - np.eye(n, k=-1)
+        self._difference = np.block([[difference, zeros, zeros], [zeros, difference, zeros]])
+        change = difference.T @ difference
         self._h = 2.0 * np.block(
             [
                 [w.input * identity + w.throttle_change * change, zeros, zeros],
@@ -145,7 +146,7 @@ class ContouringProblem:
         self._contour_weights = np.full(n, w.contour)
         self._contour_weights[-1] *= w.ends
         progress = np.hstack([zeros, zeros, self._progress])
-        self._fixed = np.vstack([np.eye(3 * n), self._step, progress])
+        self._fixed = np.vstack([np.eye(3 * n), self._difference, progress])
         self._prices = np.concatenate(
             [np.full(6 * n, inf), np.full(n, w.lane), np.full(n, w.speed), np.full(n, w.lateral)]
         )
@@ -197,7 +198,7 @@ class ContouringProblem:
         g[2 * n :] -= 2.0 * w.progress * target_speed
         g[0] -= 2.0 * w.throttle_change * last_inputs[TAU]
         g[n] -= 2.0 * w.steering_change * last_inputs[ST]
-        input_change = self._step @ u
+        input_change = self._difference @ u
         input_change[0] -= last_inputs[TAU]
         input_change[n] -= last_inputs[ST]
         speed = states[:, STATE_VX] + condensed.free[:, STATE_VX]

@@ -91,9 +91,12 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self.predictions: list[PredictedPath] = []
         self.mpcc.budget = PLAN_BUDGET
         self.plan: MpcPlan | None = None
-        self._prediction = self._learning = DisturbancePrediction(plant)
+        prediction = DisturbancePrediction(plant)
+        self._prediction = prediction
+        # The estimate of this prediction; ``steer`` updates it.
+        self._disturbance = prediction.disturbance
         self._fallback = fallback
-        self._fallback._prediction = self._prediction
+        self._fallback._prediction = prediction
         self._next_plan_t = -inf
         self._st = 0.0
         self._late_plans = 0
@@ -129,7 +132,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
             self.plan_log = {"outcome": np.array([float(PLAN_OUTCOMES.index(self.plan.outcome))])}
             if self.why:
                 return self._fallback.steer(motion)
-            self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
+            self._st = self._disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             std = lateral_std(self.plan, motion.cov)
             self.plan_log |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
@@ -169,7 +172,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         future, s = self._predict_motion(motion, self.plant.delay.transport)
         last_plan = self.plan
         tau = float(last_plan.state_at(future.t)[6]) if last_plan else self.mpcc.limits.tau[0]
-        effective = self._learning.disturbance.effective
+        effective = self._disturbance.effective
         state = make_first_state(
             self.plant, future, self._vehicle.body.l_r, tau, effective(future.servo)
         )

@@ -82,18 +82,18 @@ class Belief:
         yaw = float(self.mean[2])
         c = np.cos(yaw)
         s = np.sin(yaw)
-        turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-        step = turn @ stretch.pose[-1]
+        rotation = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        step = rotation @ stretch.pose[-1]
         mean = self.mean.copy()
         jacobian = np.eye(len(START_STDS))
         mean[POSE] += step
         jacobian[0, 2] = -step[1]
         jacobian[1, 2] = step[0]
-        jacobian[POSE, ERRORS] = turn @ stretch.jacobian
+        jacobian[POSE, ERRORS] = rotation @ stretch.jacobian
         cov = jacobian @ self.cov @ jacobian.T
         noise = np.diag((TRAVEL_NOISE**2, SLIP_NOISE**2, HEADING_NOISE**2)) * stretch.distance
         noise += SPIN_SPEED_STD**2 * np.outer(stretch.spin_jacobian, stretch.spin_jacobian)
-        cov[POSE, POSE] += turn @ noise @ turn.T
+        cov[POSE, POSE] += rotation @ noise @ rotation.T
         index = np.arange(3, len(START_STDS))
         cov[index, index] += ERROR_WALK * (stretch.t[-1] - stretch.t[0])
         return Belief(float(stretch.t[-1]), mean, cov)
@@ -107,14 +107,14 @@ class Belief:
         end = float(stretch.pose[-1, 2])
         c = np.cos(self.mean[2] - end)
         s = np.sin(self.mean[2] - end)
-        turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        rotation = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
         # 1. Observation matrix H (4, 9): the matched pose, x, y, yaw, and scale, by the state. The
         #    scan measures the pose in its middle, so the effect of the errors (k, b, g, s) and of
         #    tau on the motion from there to the end is subtracted.
         observation = np.zeros((4, len(START_STDS)))
         observation[(0, 1, 2, 3), MATCHED] = 1.0
-        observation[:3, ERRORS] = -turn @ stretch.jacobian
-        observation[:3, TAU] = -turn @ stretch.rate
+        observation[:3, ERRORS] = -rotation @ stretch.jacobian
+        observation[:3, TAU] = -rotation @ stretch.rate
         # 2. Match scan and prior; accept the result if it is close to the prior.
         information = np.linalg.inv(observation @ self.cov @ observation.T)
         start = self.mean[MATCHED,]

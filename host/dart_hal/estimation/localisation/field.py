@@ -26,7 +26,7 @@ MAX_NODES = 4_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """Lines and distance field of a map.
+    """Lines and distance field of a map. Variables of this class are named ``chart``.
 
     lines (m, 4): x1, y1, x2, y2 [m]; walls (k, 4): lines that remain when boxes are removed;
     origin (2,) [m] of node 0, 0; distance (rows, columns) [m], at most ``MAX_FIELD_DISTANCE``, its

@@ -109,12 +109,12 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
     """Return the agreement of every third beam at a pose (4,)."""
     c = np.cos(pose[2])
     s = np.sin(pose[2])
-    turn = np.array(((c, s), (-s, c)))
+    rotation = np.array(((c, s), (-s, c)))
     start = origin[::BEAM_STRIDE]
     reach = points[::BEAM_STRIDE] + pose[3] * rays[::BEAM_STRIDE] - start
     measured = np.hypot(*reach.T)
-    start = start @ turn + pose[:2]
-    ahead = reach @ turn / measured[:, None]
+    start = start @ rotation + pose[:2]
+    ahead = reach @ rotation / measured[:, None]
     limit = AGREEMENT_DISTANCE + AGREEMENT_SHARE * measured
     past_first = measured - fastest_cast()(chart.lines, start, ahead)
     past_wall = measured - fastest_cast()(chart.walls, start, ahead)

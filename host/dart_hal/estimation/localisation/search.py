@@ -135,8 +135,9 @@ def _add_beams(score: ScoreGrid, sheets: ScoreGrid, offset: IntArray, stride: in
 def _score_sheets(chart: Map) -> tuple[ScoreGrid, int, ScoreGrid]:
     """Score of an end point at each node, and the places where a car may be.
 
-    The scores are sheets [row part, column part] of every ``stride``-th node, so that all places of
-    the grid read one of them.
+    A place is every ``stride``-th node. An end point that is (i, j) nodes from its place reads, for
+    all places, the nodes of one remainder of (j, i) divided by ``stride``. Each such subset of the
+    scores is a contiguous array, a sheet: sheets[row remainder, column remainder].
     """
     stride = max(round(PLACE_SPACING / chart.cell), 1)
     rows, columns = (-(-n // stride) for n in chart.distance.shape)

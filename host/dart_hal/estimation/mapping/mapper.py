@@ -134,9 +134,9 @@ def _info(belief: Belief, yaw: float) -> FloatArray:
     """Return the information (3, 3) of the pose, in axes turned by ``yaw`` [rad]."""
     c = np.cos(yaw)
     s = np.sin(yaw)
-    turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+    rotation = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
     cov = belief.cov[POSE, POSE] + np.diag(MATCH_STD**2)
-    info: FloatArray = np.linalg.inv(turn @ cov @ turn.T)
+    info: FloatArray = np.linalg.inv(rotation @ cov @ rotation.T)
     return info
 
 

@@ -1,4 +1,4 @@
-"""Short wall lines from the points of scans, for the matcher.
+"""Surfels: short wall lines from the points of scans, for the matcher.
 
 Noise spreads a wall over 5 cm. Each cell gives one line: through the mean of its points, moved onto
 the best fit of the points in the 3 x 3 cells around it. So cells on both sides of a wall lie on one
