@@ -9,8 +9,7 @@ from dart_hal.vehicle.effects import equation_text, order_key, own_effects
 
 EFFECTS_HEAD = """# Effects
 
-Each entry is one physical cause that a base model lacks. The simulator injects it, the diagnosis
-looks for it, an extended `model.toml` contains it. At null an effect changes no bit. Several
+Each entry is one physical cause that a base model lacks. At null it changes no bit. Several
 effects act in the order of the stages below. Option and URL: `quadratic_drag:0.1`, or with several
 parameters `encoder_ring:missing=0.05:phase=0.2`; separate effects by commas.
 
@@ -28,8 +27,8 @@ parameters = { k = { value = 0.1, std = 0.02 } }
 | looks like | effects with similar traces; each section has the drive that distinguishes them |
 | not for speed loops | refused and not tried for a [speed loop](car-files.md#drive-forms) |
 
-Effects on forces need tyres; the kinematic bicycle does not change. Numbers with N or m in their
-unit are those of a car of 1:10; those of another car follow from its wheelbase and mass, see
+Effects on forces do not change the kinematic bicycle. Numbers with N or m in their unit are those
+of a car of 1:10, see
 [cars of another size](../explanation/diagnosis_method.md#cars-of-another-size).
 Generated from `dart_hal/vehicle/effects/` (`dart-hal wire --write`).
 """

@@ -32,17 +32,13 @@ EFFECT = Effect(
     name="battery_fade",
     title="loses or gains motor force during a drive",
     signed_titles=("loses motor force during a drive", "gains motor force during a drive"),
-    physics=(
-        "The battery's voltage drops, and the warm winding has more resistance. The force falls "
-        "in proportion to time."),
+    physics="The voltage drops, and the warm winding has more resistance.",
     stage="actuator",
     duty_only=True,
     acts_along=("time", "throttle"),
     parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
                           meaning="change of the motor force in 100 s of driving"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),
-    experiment=(
-        "Throttle steps and coasting, at the start and the end of a long drive. Coasting does not "
-        "change."),
+    experiment="Throttle steps at start and end of a drive. Coasting does not change.",
     signals={"throttle": Static(fade_throttle)},
 )

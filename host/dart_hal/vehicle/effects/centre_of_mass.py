@@ -24,15 +24,13 @@ EFFECT = Effect(
     signed_titles=(
         "has its weight further back than the model",
         "has its weight further forward than the model"),
-    physics=(
-        "A battery inserted the other way round moves it by a centimetre."),
+    physics="A battery inserted the other way round moves it by 1 cm.",
     stage="motion",
     acts_along=("lateral_acceleration", "yaw_rate"),
     parameters=(Parameter("k", "m", -0.05, 0.05, sizes=(0.003, 0.006, 0.012),
                           meaning="distance of the centre of mass ahead of the model's"),),
     confused_with=("front_grip", "mocap_offset_x", "yaw_inertia", "grip"),
     experiment=(
-        "Weigh both axles. Or drive circles at rising speed: the balance of front and rear "
-        "changes. A misplaced marker also shows in slow circles."),
+        "Weigh both axles. Or circles at rising speed: the balance of front and rear changes."),
     vehicle=vehicle,
 )

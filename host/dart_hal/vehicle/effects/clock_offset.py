@@ -16,16 +16,12 @@ EFFECT = Effect(
     name="clock_offset",
     title="has sensors whose clock is not that of commands and motion capture",
     signed_titles=("has sensors whose stamps are early", "has sensors whose stamps are late"),
-    physics=(
-        "A wrong fit between the clocks of microcontroller and computer shifts all sensors on the "
-        "car."),
+    physics="A wrong fit between the clocks of microcontroller and computer.",
     stage="measurement",
     acts_along=("acceleration", "steering_rate"),
     parameters=(Parameter("k", "s", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="time by which the stamps of the sensors are late"),),
     confused_with=("gyro_latency", "encoder_latency", "mocap_latency"),
-    experiment=(
-        "Turn and push the car by hand. A clock shifts gyro and encoder equally against the "
-        "poses, a latency only one."),
+    experiment="Turn and push the car by hand: gyro and encoder shift equally.",
     signals={"wheel": PureDelay(seconds), "gyro": PureDelay(seconds), "accel": PureDelay(seconds)},
 )

@@ -33,17 +33,13 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="combined_slip",
     title="holds its line less well under drive force than the model",
-    physics=(
-        "Friction has one limit for both directions: a driving or braking tyre has less side "
-        "force."),
+    physics="A driving or braking tyre has less side force.",
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 4.0, sizes=(0.75, 1.5, 3.0),
                           meaning="share of the squared side force lost at 3 N of drive force",
                           scales_as="1/N2"),),
     confused_with=("load_transfer", "rear_saturation", "grip", "cornering_drag"),
-    experiment=(
-        "A circle with acceleration and with coasting through the same speed. Load transfer "
-        "changes sign between the two, combined slip does not."),
+    experiment="One circle with acceleration and coasting. Load transfer changes its sign.",
     force=force,
 )

@@ -28,9 +28,7 @@ def force(p: Vehicle, f: Namespace, k: Value, s: Value) -> Callable[[Forces], Fo
 EFFECT = Effect(
     name="cornering_drag",
     title="loses speed with turned wheels more than the model",
-    physics=(
-        "Wheels that do not follow one circle scrub, and angled joints of the drive shafts "
-        "resist."),
+    physics="Wheels that do not follow one circle scrub.",
     stage="force",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0),
@@ -38,8 +36,6 @@ EFFECT = Effect(
                 Parameter("s", "-", 0.0, 1.0, sizes=(0.25, 0.5, 1.0), alone=False,
                           meaning="share of the drag that acts along the steered wheels")),
     confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),
-    experiment=(
-        "Coasting from low speed on several radii and on a straight. The loss depends on the "
-        "angle even without tyre slip."),
+    experiment="Coasting on several radii and a straight: the loss depends on the angle.",
     force=force,
 )

@@ -25,16 +25,12 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="differential_drag",
     title="resists being turned more than the model",
-    physics=(
-        "A stiff differential drives inner and outer wheel at one speed. Their slip makes a "
-        "moment against the curve, independent of speed."),
+    physics="A stiff differential drives inner and outer wheel at one speed.",
     stage="force",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "N m2", 0.0, 0.5, sizes=(0.01, 0.02, 0.04),
                           meaning="moment against turning per 1/m of curvature"),),
     confused_with=("yaw_damping", "cornering_drag", "steering_gain", "front_grip"),
-    experiment=(
-        "Circles of one command from walking pace to fast. The slow circle widens too; damping "
-        "and grip do not act there."),
+    experiment="Circles of one command at all speeds. The slow one widens too.",
     force=force,
 )

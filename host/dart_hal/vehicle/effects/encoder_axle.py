@@ -32,16 +32,13 @@ def read_both_axles(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now]
 EFFECT = Effect(
     name="encoder_axle",
     title="has an encoder that the front axle turns as well",
-    physics=(
-        "With four driven wheels the encoder's shaft turns with the mean of both axles."),
+    physics="The encoder of a car with four driven wheels has the mean of both axles.",
     stage="measurement",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
                           meaning="share of the front axle in the speed that the encoder reads",
                           physical=(0.0, 1.0)),),
     confused_with=("encoder_scale", "encoder_slip"),
-    experiment=(
-        "Slow circles at full lock and a straight at one speed. A scale error is always the same; "
-        "the front axle acts only in circles."),
+    experiment="Slow circles at full lock and a straight: the front axle acts only in circles.",
     signals={"wheel": Static(read_both_axles)},
 )

@@ -22,7 +22,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.01, 0.03, 0.06),
                           meaning="additional age of the encoder's speed"),),
     confused_with=("clock_offset", "mocap_latency", "encoder_slip"),
-    experiment=(
-        "Hard throttle steps, with gyro and motion capture: only the encoder is delayed."),
+    experiment="Hard throttle steps: only the encoder is delayed.",
     signals={"wheel": PureDelay(seconds)},
 )

@@ -42,9 +42,7 @@ def read_ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
 EFFECT = Effect(
     name="encoder_ring",
     title="has an encoder ring with bad marks",
-    physics=(
-        "A missing or dirty mark leaves a gap, a bouncing one counts twice, an eccentric ring has "
-        "closer marks on one side. The speed ripples with the gear's angle."),
+    physics="A missing mark leaves a gap, a bouncing one counts twice.",
     stage="measurement",
     acts_along=("revolution_angle",),
     parameters=(
@@ -56,8 +54,6 @@ EFFECT = Effect(
                   meaning="place of the closest marks in the turn", per_recording=True,
                   alone=False)),
     confused_with=("encoder_scale",),
-    experiment=(
-        "Roll steadily below 0.4 m/s: a window of 0.1 s is less than a turn, and the ripple shows "
-        "each mark."),
+    experiment="Roll steadily below 0.4 m/s: the ripple shows each mark.",
     signals={"wheel": Static(read_ring)},
 )

@@ -23,15 +23,12 @@ EFFECT = Effect(
     name="encoder_scale",
     title="has an encoder that reads too much or too little",
     signed_titles=("has an encoder that reads too little", "has an encoder that reads too much"),
-    physics=(
-        "Loaded wheel radius, number of marks and gear ratio set the distance per mark. A worn "
-        "tyre is 2 % smaller."),
+    physics="Wheel radius, marks and gear ratio set it. A worn tyre is 2 % smaller.",
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.005, 0.015, 0.04),
                           meaning="excess of the encoder's speed"),),
     confused_with=("encoder_slip", "encoder_ring"),
-    experiment=(
-        "Roll the car along a tape by hand, without slip. Then drive it and compare."),
+    experiment="Roll the car along a tape by hand. Then drive it and compare.",
     signals={"wheel": Static(scale_speed)},
 )

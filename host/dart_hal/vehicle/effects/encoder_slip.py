@@ -29,8 +29,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
                           meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),
-    experiment=(
-        "Accelerate hard and coast on one straight. The error changes sign with the force; that "
-        "of a latency follows the change of speed."),
+    experiment="Accelerate and coast on a straight: the error changes sign with the force.",
     signals={"wheel": Static(add_slip)},
 )

@@ -21,15 +21,13 @@ EFFECT = Effect(
     signed_titles=(
         "has less grip at its front wheels than the model",
         "has more grip at its front wheels than the model"),
-    physics=(
-        "Front tyres wear faster, and a load changes the grip of its axle only."),
+    physics="Front tyres wear faster, and a load changes one axle.",
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of the front tyres"),),
     confused_with=("grip", "steering_compliance", "steering_gain", "load_transfer"),
     experiment=(
-        "Circles of one command at rising speed. Front grip changes the radius, not the rear slip "
-        "at a radius."),
+        "Circles of one command at rising speed: the radius changes, the rear slip does not."),
     vehicle=vehicle,
 )

@@ -27,15 +27,13 @@ EFFECT = Effect(
     name="grip",
     title="has more or less grip than the model",
     signed_titles=("has less grip than the model", "has more grip than the model"),
-    physics=(
-        "Another floor, dust, or tyres that are worn, warm or cleaned."),
+    physics="Another floor, dust, or tyres that are worn or warm.",
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of all tyres"),),
     confused_with=("front_grip", "roll_compliance", "yaw_inertia", "steering_gain"),
     experiment=(
-        "Circles of one command at rising speed, on two floors. Less grip widens only fast "
-        "circles. With less front grip the rear keeps its line."),
+        "Circles of one command at rising speed. With less front grip the rear keeps its line."),
     vehicle=vehicle,
 )

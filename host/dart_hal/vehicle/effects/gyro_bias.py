@@ -25,8 +25,7 @@ EFFECT = Effect(
     signed_titles=(
         "has a gyro that reads a right turn at standstill",
         "has a gyro that reads a left turn at standstill"),
-    physics=(
-        "The zero of a micromechanical gyro drifts with temperature and changes at power-on."),
+    physics="The zero of a micromechanical gyro drifts with temperature.",
     stage="measurement",
     acts_along=("yaw_rate", "time"),
     parameters=(Parameter("k", "rad/s", -0.3, 0.3, sizes=(0.005, 0.02, 0.05),

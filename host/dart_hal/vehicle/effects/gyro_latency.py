@@ -15,14 +15,12 @@ def seconds(k: float) -> float:
 EFFECT = Effect(
     name="gyro_latency",
     title="has a gyro whose yaw rate is delayed",
-    physics=(
-        "The chip's filter (32 Hz on a BNO055) and the time until the read delay the rate."),
+    physics="The filter of the chip (32 Hz on a BNO055) and the read.",
     stage="measurement",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional age of the gyro's yaw rate"),),
     confused_with=("clock_offset", "mocap_latency", "steering_lag"),
-    experiment=(
-        "Steer from side to side, with encoder and motion capture: only the gyro is delayed."),
+    experiment="Steer from side to side: only the gyro is delayed.",
     signals={"gyro": PureDelay(seconds)},
 )

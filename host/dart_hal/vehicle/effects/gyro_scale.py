@@ -25,15 +25,12 @@ EFFECT = Effect(
     signed_titles=(
         "has a gyro that reads turns too small",
         "has a gyro that reads turns too large"),
-    physics=(
-        "The sensitivity of a micromechanical gyro is trimmed to a few percent."),
+    physics="A micromechanical gyro is trimmed to a few percent.",
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="excess of the gyro's yaw rate"),),
     confused_with=("steering_gain", "gyro_bias", "imu_pitch", "imu_roll"),
-    experiment=(
-        "Ten whole turns to each side by hand. A bias has the same sign on both sides, a scale "
-        "does not."),
+    experiment="Ten turns to each side by hand. A bias has one sign on both sides.",
     signals={"gyro": Static(scale_rate)},
 )

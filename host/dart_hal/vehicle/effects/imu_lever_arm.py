@@ -27,15 +27,12 @@ EFFECT = Effect(
     signed_titles=(
         "has an IMU behind its centre of mass",
         "has an IMU ahead of its centre of mass"),
-    physics=(
-        "There an accelerometer also measures the rotation: outwards with the square of the yaw "
-        "rate, sideways with its derivative."),
+    physics="There an accelerometer also measures the rotation.",
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.2, 0.2, sizes=(0.02, 0.05, 0.1),
                           meaning="distance of the IMU ahead of the centre of mass"),),
     confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),
-    experiment=(
-        "Use a ruler. Or drive fast circles to both sides: the forward acceleration has one sign."),
+    experiment="Use a ruler. Or fast circles: the forward acceleration has one sign on both sides.",
     signals={"accel": Static(accel)},
 )

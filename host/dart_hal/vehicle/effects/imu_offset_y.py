@@ -24,16 +24,12 @@ EFFECT = Effect(
     name="imu_offset_y",
     title="has an IMU to the left or right of its middle",
     signed_titles=("has an IMU to the right of its middle", "has an IMU to the left of its middle"),
-    physics=(
-        "There an accelerometer measures a side acceleration with the square of the yaw rate, of "
-        "one sign in either turn."),
+    physics="There an accelerometer measures a side acceleration in turns.",
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05),
                           meaning="distance of the IMU to the left of the middle"),),
     confused_with=("imu_roll", "imu_lever_arm"),
-    experiment=(
-        "Use a ruler. Or drive fast circles to both sides: the side acceleration has one sign. "
-        "That of a tilted IMU remains at rest."),
+    experiment="Use a ruler. Or fast circles: it has one sign, and is zero at rest.",
     signals={"accel": Static(accel)},
 )

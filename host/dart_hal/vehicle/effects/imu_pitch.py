@@ -32,15 +32,13 @@ EFFECT = Effect(
     name="imu_pitch",
     title="has an IMU that is tilted forwards or backwards",
     signed_titles=("has an IMU that is tilted backwards", "has an IMU that is tilted forwards"),
-    physics=(
-        "A bent plate is never level. One degree adds 0.17 m/s2 of gravity to the forward axis."),
+    physics="A bent plate is not level. One degree adds 0.17 m/s2.",
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, nose down"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_roll"),
     experiment=(
-        "Measure at rest in two opposite headings: a tilted IMU reads the same, a sloping floor "
-        "the opposite."),
+        "At rest in two opposite headings: a tilted IMU reads the same, a slope the opposite."),
     signals={"accel": Static(accel), "gyro": Static(gyro)},
 )

@@ -28,15 +28,12 @@ EFFECT = Effect(
     signed_titles=(
         "has an IMU that is turned to the right",
         "has an IMU that is turned to the left"),
-    physics=(
-        "A misaligned board mixes forward and side acceleration, but not the yaw rate."),
+    physics="A misaligned board mixes forward and side acceleration.",
     stage="measurement",
     acts_along=("acceleration", "lateral_acceleration"),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
                           meaning="rotation of the IMU to the left"),),
     confused_with=("imu_lever_arm",),
-    experiment=(
-        "Accelerate and brake hard on a straight. A side acceleration that follows the forward "
-        "one shows the angle; a lever arm acts only in turns."),
+    experiment="Accelerate and brake on a straight: side acceleration follows the forward one.",
     signals={"accel": Static(accel)},
 )

@@ -30,16 +30,12 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="load_transfer",
     title="shifts grip between its axles when it speeds up or slows down",
-    physics=(
-        "A load of a_x m h / l moves between the axles. k is nearly the height of the centre of "
-        "mass over half the wheelbase."),
+    physics="A load of a_x m h / l moves between the axles; k is nearly 2 h / l.",
     stage="force",
     acts_along=("acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.4, 0.8),
                           meaning="share of the side force that 1 g moves to the rear axle"),),
     confused_with=("combined_slip", "front_grip", "yaw_damping"),
-    experiment=(
-        "One circle with hard acceleration and with coasting through the same speed: the radius "
-        "grows, then shrinks."),
+    experiment="One circle with acceleration and coasting: the radius grows, then shrinks.",
     force=force,
 )

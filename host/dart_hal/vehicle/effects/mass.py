@@ -29,8 +29,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "relative", -0.4, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the mass"),),
     confused_with=("motor_gain", "rolling_resistance", "grip", "throttle_lag"),
-    experiment=(
-        "Weigh the car. Or coast and accelerate: mass changes both by one factor, the motor only "
-        "one."),
+    experiment="Weigh the car. Or coast and accelerate: mass changes both, the motor only one.",
     vehicle=vehicle,
 )

@@ -15,15 +15,12 @@ def seconds(k: float) -> float:
 EFFECT = Effect(
     name="mocap_latency",
     title="has delayed poses from the motion capture",
-    physics=(
-        "Cameras expose, a computer solves, a network transmits, and the pose is stamped on "
-        "arrival."),
+    physics="Cameras, computer and network delay the pose.",
     stage="measurement",
     acts_along=("speed", "yaw_rate"),
     parameters=(Parameter("k", "s", 0.0, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="additional age of the poses"),),
     confused_with=("steering_delay", "throttle_delay", "clock_offset"),
-    experiment=(
-        "Turn the car by hand: the gyro against the yaw rate of the pose shows the latency."),
+    experiment="Turn the car by hand: gyro against the yaw rate of the pose.",
     signals={"pose": PureDelay(seconds)},
 )

@@ -26,16 +26,12 @@ EFFECT = Effect(
     signed_titles=(
         "carries its marker further back than was measured",
         "carries its marker further ahead than was measured"),
-    physics=(
-        "The marker's position is measured by ruler at best. Rotation then looks like side "
-        "velocity."),
+    physics="The place of the marker is measured by ruler.",
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker ahead of its stated position"),),
     confused_with=("centre_of_mass", "mocap_offset_y"),
-    experiment=(
-        "Turn the car on the spot by hand: the radius of the marker's circle is its distance. Or "
-        "drive very slow circles."),
+    experiment="Turn the car on the spot by hand: the marker's circle has this radius.",
     signals={"pose": Static(pose)},
 )

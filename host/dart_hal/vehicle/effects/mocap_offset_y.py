@@ -33,8 +33,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker to the left of its stated position"),),
     confused_with=("mocap_offset_x", "cornering_drag"),
-    experiment=(
-        "Slow circles to both sides, compared with the encoder. The speed errs with opposite "
-        "signs; drag acts equally."),
+    experiment="Slow circles to both sides: the speed errs with opposite signs.",
     signals={"pose": Static(pose)},
 )

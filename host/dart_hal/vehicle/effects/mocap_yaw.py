@@ -26,16 +26,12 @@ EFFECT = Effect(
     signed_titles=(
         "carries its marker turned to the right",
         "carries its marker turned to the left"),
-    physics=(
-        "The axes of a marker are those at its registration. Driving straight then looks like "
-        "side velocity, proportional to speed."),
+    physics="The axes of a marker are those at its registration.",
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03),
                           meaning="rotation of the marker to the left"),),
     confused_with=("steering_trim", "lateral_pull"),
-    experiment=(
-        "Straight drives forwards and in reverse. The side velocity changes sign with the speed, "
-        "without a turn; a trim turns the car."),
+    experiment="Straight drives forwards and in reverse: the side velocity changes sign.",
     signals={"pose": Static(pose)},
 )

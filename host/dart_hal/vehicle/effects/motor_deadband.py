@@ -21,17 +21,13 @@ EFFECT = Effect(
     signed_titles=(
         "begins to pull at less throttle than the model",
         "begins to pull at more throttle than the model"),
-    physics=(
-        "The neutral of the ESC depends on temperature and calibration. Brushes and gears stick "
-        "at small torque."),
+    physics="The neutral of the ESC depends on temperature.",
     stage="actuator",
     duty_only=True,
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", -0.1, 0.1, sizes=(0.005, 0.01, 0.02),
                           meaning="additional throttle at which the motor begins to pull"),),
     confused_with=("motor_gain", "rolling_resistance", "pwm_clock"),
-    experiment=(
-        "Steady speeds at many small throttle levels. A dead band shifts the curve of speed over "
-        "throttle, a gain changes its slope."),
+    experiment="Steady speeds at small throttle: it shifts the curve, a gain changes its slope.",
     vehicle=vehicle,
 )

@@ -25,9 +25,7 @@ EFFECT = Effect(
     name="motor_gain",
     title="has a stronger or weaker motor than the model",
     signed_titles=("has a weaker motor than the model", "has a stronger motor than the model"),
-    physics=(
-        "The force is proportional to the battery voltage: full and half empty differ by 15 %. It "
-        "belongs to a drive, not to the car."),
+    physics="Full and half empty batteries differ by 15 %.",
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(
@@ -35,8 +33,6 @@ EFFECT = Effect(
                   meaning="change of the motor force", per_recording=True),),
     confused_with=(
         "battery_fade", "quadratic_drag", "rolling_resistance", "mass", "motor_deadband"),
-    experiment=(
-        "Throttle steps and coasting with a full and a half empty battery. Drag and mass change "
-        "coasting; a weak motor does not."),
+    experiment="Throttle steps and coasting with both. Only drag and mass change coasting.",
     vehicle=vehicle,
 )

@@ -22,16 +22,13 @@ def limit_throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now],
 EFFECT = Effect(
     name="motor_saturation",
     title="does not pull harder above a level of throttle",
-    physics=(
-        "The ESC limits its current, or the end point of the radio's throttle is too low."),
+    physics="The ESC limits its current, or the radio's end point is too low.",
     stage="actuator",
     duty_only=True,
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", 0.0, 20.0, sizes=(2.8, 3.3, 4.0),
                           meaning="inverse of the throttle above which the force is constant"),),
     confused_with=("motor_gain", "quadratic_drag", "throttle_lag"),
-    experiment=(
-        "Throttle steps from standstill beyond 0.4: the first acceleration no longer grows. Drag "
-        "acts only at speed."),
+    experiment="Throttle steps from standstill beyond 0.4: the first acceleration no longer grows.",
     signals={"throttle": Static(limit_throttle)},
 )

@@ -39,9 +39,7 @@ EFFECT = Effect(
     signed_titles=(
         "receives pulses that are too short",
         "receives pulses that are too long"),
-    physics=(
-        "The RC oscillator of the PCA9685 is within 25 MHz +- 4 %. A slow one moves the servo's "
-        "neutral to the left, the motor's forwards."),
+    physics="The oscillator of the PCA9685 is within 25 MHz +- 4 %.",
     stage="command",
     duty_only=True,
     acts_along=("throttle", "steering_angle"),
@@ -49,7 +47,7 @@ EFFECT = Effect(
                           meaning="excess length of the pulses"),),
     confused_with=("steering_trim", "motor_deadband", "motor_gain"),
     experiment=(
-        "Straight drives at two throttle levels: the clock moves trim and dead band in the ratio "
-        "375 to 450. Or count on the PWM pin (hardware/README.md, PWM clock)."),
+        "Straight drives at two throttle levels: trim and dead band move in the ratio 375 to 450. "
+        "Or count on the PWM pin (hardware/README.md, PWM clock)."),
     signals={"steering": Static(steering), "throttle": Static(throttle)},
 )

@@ -35,9 +35,7 @@ def throttle(p: Vehicle, f: Namespace, k: Value,
 EFFECT = Effect(
     name="pwm_quantisation",
     title="moves steering and motor in steps",
-    physics=(
-        "A PCA9685 at 50 Hz has steps of 4.88 us, 0.013 of the steering command. Truncation "
-        "lowers the mean by half a step."),
+    physics="A PCA9685 at 50 Hz has steps of 4.88 us, 0.013 of the steering command.",
     stage="command",
     duty_only=True,
     acts_along=("steering_angle",),
@@ -47,8 +45,6 @@ EFFECT = Effect(
         Parameter("phase", "step", 0.0, 1.0, sizes=(0.25, 0.5, 0.75),
                   meaning="0 if counts are truncated, 0.5 if they are rounded", alone=False)),
     confused_with=("steering_backlash", "steering_trim", "motor_deadband"),
-    experiment=(
-        "Ramp the steering slowly up and down. Steps are at the same commands in both directions; "
-        "backlash makes a loop."),
+    experiment="Ramp the steering slowly up and down. Backlash makes a loop, steps do not.",
     signals={"steering": Static(quantise), "throttle": Static(throttle)},
 )

@@ -25,8 +25,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "N s2/m2", 0.0, 2.0, sizes=(0.03, 0.08, 0.2),
                           meaning="drag per squared speed"),),
     confused_with=("rolling_resistance", "motor_gain", "cornering_drag", "battery_fade"),
-    experiment=(
-        "Coasting from the highest speed of the hall. The loss over speed shows the exponent, "
-        "without the motor."),
+    experiment="Coasting from the highest speed: the loss over speed shows the exponent.",
     vehicle=vehicle,
 )

@@ -23,17 +23,13 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="rear_saturation",
     title="has less side force at its rear wheels than the model",
-    physics=(
-        "The paper's rear tyre is linear without limit. A real one is limited near friction "
-        "coefficient times load."),
+    physics="A real rear tyre is limited near friction coefficient times load.",
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40),
                           meaning="inverse of the largest side force of the rear tyres",
                           tops=True),),
     confused_with=("grip", "roll_compliance", "combined_slip", "yaw_damping"),
-    experiment=(
-        "Circles at rising speed until the rear slides, and a fast steering step. Only the "
-        "largest forces are smaller."),
+    experiment="Circles until the rear slides: only the largest forces are smaller.",
     force=force,
 )

@@ -43,9 +43,7 @@ EFFECT = Effect(
     parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="downhill acceleration along y of the room"),),
     confused_with=("road_slope_x", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),
-    experiment=(
-        "One straight drive in four directions of the room. The error changes with the heading; "
-        "an error of the car does not."),
+    experiment="One straight drive in four directions: the error changes with the heading.",
     force=force,
     signals={"accel": Static(accel)},
 )

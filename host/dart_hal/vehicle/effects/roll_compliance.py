@@ -30,16 +30,12 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="roll_compliance",
     title="loses grip in fast curves more than the model",
-    physics=(
-        "Load moves to the outer wheels, which gain less grip than the inner ones lose. Wheels "
-        "also tilt and steer with the springs."),
+    physics="Outer wheels gain less grip than inner ones lose.",
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0),
                           meaning="share of the side force lost at 1 g to the side"),),
     confused_with=("grip", "rear_saturation", "front_grip"),
-    experiment=(
-        "Circles of one radius at rising speed. The loss grows with the square of the side "
-        "acceleration; less grip is one factor from the start."),
+    experiment="Circles of one radius: the loss grows with the square of the side acceleration.",
     force=force,
 )

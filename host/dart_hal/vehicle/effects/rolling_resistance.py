@@ -19,16 +19,13 @@ EFFECT = Effect(
     name="rolling_resistance",
     title="rolls harder or more easily than the model",
     signed_titles=("rolls more easily than the model", "rolls harder than the model"),
-    physics=(
-        "Tyres, bearings and gears resist at any speed, more on a soft floor or with dirt."),
+    physics="Tyres, bearings and gears resist at any speed.",
     stage="force",
     acts_along=("speed", "throttle"),
     parameters=(Parameter("k", "N", -1.0, 5.0, sizes=(0.1, 0.25, 0.5),
                           meaning="additional rolling resistance"),),
     confused_with=(
         "quadratic_drag", "motor_gain", "motor_deadband", "road_slope_x", "road_slope_y"),
-    experiment=(
-        "Coasting to standstill in both directions. A constant force slows the car equally at all "
-        "speeds, drag only at high ones; a slope changes sign."),
+    experiment="Coasting in both directions. Drag acts only at speed; a slope changes sign.",
     vehicle=vehicle,
 )

@@ -40,8 +40,6 @@ EFFECT = Effect(
                           meaning="play of the road wheels from end to end"),),
     confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",
                    "steering_dead_zone"),
-    experiment=(
-        "Slow circles of one command reached from left and right: backlash gives two radii, a "
-        "trim one."),
+    experiment="Slow circles of one command from both sides: backlash gives two radii, a trim one.",
     signals={"angle": Stateful(play, blind=True, play=half_width)},
 )

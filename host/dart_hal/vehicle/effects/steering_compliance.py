@@ -63,16 +63,12 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="steering_compliance",
     title="has a steering that yields to the force of the tyres",
-    physics=(
-        "Servo, rods and plastic arms are springs. The side force acts behind the steering axis "
-        "and turns the wheels back."),
+    physics="The side force turns the wheels back, as rods and arms are springs.",
     stage="actuator",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "rad/N", 0.0, 0.03, sizes=(0.003, 0.008, 0.02),
                           meaning="angle by which the wheels yield per newton of side force"),),
     confused_with=("front_grip", "grip", "steering_gain"),
-    experiment=(
-        "Circles of one command at rising speed. The curvature falls, but the largest side force "
-        "remains; less grip lowers it."),
+    experiment="Circles at rising speed. The curvature falls, but not the largest side force.",
     force=force,
 )

@@ -25,15 +25,12 @@ def angle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="steering_dead_zone",
     title="does not steer for small commands about straight ahead",
-    physics=(
-        "Wheels that trail their steering axis roll to the middle of the linkage's play."),
+    physics="Trailing wheels roll to the middle of the linkage's play.",
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
                           meaning="range of angles without steering from end to end"),),
     confused_with=("steering_backlash", "steering_gain", "steering_compliance"),
-    experiment=(
-        "Small commands to either side, reached from left and right. The car goes straight; with "
-        "backlash it keeps its previous angle."),
+    experiment="Small commands from both sides. With backlash the car keeps its angle.",
     signals={"angle": Static(angle)},
 )

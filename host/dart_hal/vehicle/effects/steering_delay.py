@@ -26,7 +26,7 @@ EFFECT = Effect(
                           meaning="additional delay of the steering"),),
     confused_with=("steering_lag", "steering_rate_limit", "mocap_latency", "clock_offset"),
     experiment=(
-        "Small and large steering steps: a delay shifts the response, a lag rounds its corner, a "
-        "rate limit delays only large steps. Delayed motion capture also delays throttle steps."),
+        "Steering steps: a delay shifts them, a lag rounds them, a rate limit delays only large "
+        "ones."),
     vehicle=vehicle,
 )

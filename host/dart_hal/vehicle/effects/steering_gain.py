@@ -22,15 +22,12 @@ EFFECT = Effect(
     signed_titles=(
         "turns its wheels less far than the model",
         "turns its wheels further than the model"),
-    physics=(
-        "The lengths of servo horn and steering arms set the ratio of the linkage."),
+    physics="Servo horn and steering arms set this ratio.",
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "relative", -0.5, 0.5, sizes=(0.02, 0.05, 0.10),
                           meaning="change of the road-wheel angle"),),
     confused_with=("front_grip", "grip", "steering_compliance", "gyro_scale"),
-    experiment=(
-        "Slow circles show the angle alone. In faster ones grip and compliance change the radius; "
-        "the gain does not."),
+    experiment="Slow circles show the angle alone; grip acts in fast ones.",
     vehicle=vehicle,
 )

@@ -20,16 +20,14 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="steering_lag",
     title="turns its wheels more slowly than the model",
-    physics=(
-        "The position loop of the servo and the elasticity behind it respond fast at first, then "
-        "ever slower."),
+    physics="The position loop of the servo and elasticity behind it.",
     stage="actuator",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional time constant of the steering"),),
     confused_with=("steering_delay", "steering_rate_limit", "yaw_inertia"),
     experiment=(
-        "Steering steps of different size: a lag has one shape for all, a rate limit takes longer "
-        "for the large. Yaw inertia acts only at speed."),
+        "Steering steps: a lag has one shape for all sizes, a rate limit has not. Yaw inertia "
+        "acts only at speed."),
     vehicle=vehicle,
 )

@@ -25,15 +25,13 @@ EFFECT = Effect(
     signed_titles=(
         "steers further to the right than the model",
         "steers further to the left than the model"),
-    physics=(
-        "Assembly of horn and rods sets the centre, and an impact moves it."),
+    physics="Assembly sets the centre, and an impact moves it.",
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02),
                           meaning="road-wheel angle to the left of the model's"),),
     confused_with=("steering_backlash", "pwm_clock", "lateral_pull", "mocap_yaw", "gyro_bias"),
     experiment=(
-        "Straight drives at two speeds, circles to both sides. A trim adds one curvature at every "
-        "speed. A pull grows with tyre slip; backlash depends on the previous command."),
+        "Straight drives at two speeds. A trim adds one curvature; a pull grows with tyre slip."),
     signals={"angle": Static(add_trim)},
 )

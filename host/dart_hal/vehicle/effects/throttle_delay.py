@@ -18,15 +18,12 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="throttle_delay",
     title="responds to the throttle later than the model, by a fixed time",
-    physics=(
-        "Commands wait for the next frame of the ESC, and its filter for several frames."),
+    physics="Commands wait for the frame and the filter of the ESC.",
     stage="command",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional delay of the throttle"),),
     confused_with=("throttle_lag", "mocap_latency", "clock_offset"),
-    experiment=(
-        "Throttle steps: a delay shifts the start of the acceleration, a lag rounds it. Delayed "
-        "motion capture also delays steering steps."),
+    experiment="Throttle steps: a delay shifts their start, a lag rounds it.",
     vehicle=vehicle,
 )

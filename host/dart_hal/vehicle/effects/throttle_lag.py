@@ -20,15 +20,14 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="throttle_lag",
     title="responds to the throttle more slowly than the model",
-    physics=(
-        "The ESC ramps its duty cycle, inductance delays the current, and shafts and gears twist."),
+    physics="The ESC ramps its duty cycle, and inductance delays the current.",
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.04, 0.08, 0.16),
                           meaning="additional time constant of the throttle"),),
     confused_with=("throttle_delay", "mass"),
     experiment=(
-        "Throttle steps: a lag rounds the start of the acceleration, a delay shifts it, mass "
-        "changes its size."),
+        "Throttle steps: a lag rounds their start, a delay shifts it, mass changes the "
+        "acceleration."),
     vehicle=vehicle,
 )

@@ -29,8 +29,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "N m s", 0.0, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment against turning per rad/s of yaw rate"),),
     confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),
-    experiment=(
-        "Steering steps at several speeds: damping also lowers the steady yaw rate, inertia only "
-        "its rise. A stiff differential's loss does not grow with speed."),
+    experiment="Steering steps: damping lowers the steady yaw rate, inertia only its rise.",
     force=force,
 )

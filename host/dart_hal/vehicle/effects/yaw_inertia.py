@@ -21,16 +21,12 @@ EFFECT = Effect(
     signed_titles=(
         "begins and ends a turn faster than the model",
         "begins and ends a turn more slowly than the model"),
-    physics=(
-        "Published values are those of a rectangle and differ by a third. Mass at the ends counts "
-        "with the square of its distance."),
+    physics="Published values are those of a rectangle and differ by a third.",
     stage="motion",
     acts_along=("yaw_rate", "steering_rate"),
     parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2),
                           meaning="change of the yaw inertia"),),
     confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
-    experiment=(
-        "Fast steering changes at high speed. Inertia delays the rotation, not the slip, and "
-        "changes no steady circle. A servo lag also acts at low speed."),
+    experiment="Fast steering changes at high speed. A servo lag also acts at low speed.",
     vehicle=vehicle,
 )
