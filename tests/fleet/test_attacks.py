@@ -66,7 +66,7 @@ def test_a_recording_of_yesterday_does_not_beat_for_a_program_that_was_restarted
         assert scene.run_for(3.0, scene.play(frames)) == 0.0
         if key is not None:
             assert scene.car.peers.unproven > 20
-            assert "recording" in scene.car.peers.ignored(scene.now)["base"]
+            assert "recording" in scene.car.peers.list_ignored(scene.now)["base"]
 
 
 @ROOMS
@@ -117,7 +117,7 @@ def test_a_forger_without_the_key_cannot_beat_even_with_echoes(signed_with):
         assert scene.run_for(1.0, forged_beats(scene, signed_with, echo=True)) <= STOPS_WITHIN
         counters = scene.car.peers.decoder.counters
         assert (counters.unsigned if signed_with is None else counters.forged) > 100
-        assert "base" in scene.car.peers.ignored(scene.now)
+        assert "base" in scene.car.peers.list_ignored(scene.now)
 
 
 def test_with_the_key_the_same_forger_beats():
@@ -258,8 +258,8 @@ def test_members_with_and_without_a_key_ignore_each_other_by_name(car_key, stati
     with AttackScene(car_key) as scene:
         scene.watcher(key=station_key)
         assert scene.run_for(0.5, scene.station.watch) == 0.0
-        assert reason in scene.car.peers.ignored(scene.now)["base"]
-        assert "red" in scene.station.peers.ignored(scene.now)
+        assert reason in scene.car.peers.list_ignored(scene.now)["base"]
+        assert "red" in scene.station.peers.list_ignored(scene.now)
         assert scene.station.cars() == []
 
 

@@ -279,4 +279,4 @@ def test_watcher_without_an_echo_is_reported_after_the_time_that_a_frame_may_tra
     for n in range(60):
         now = n * POSE_PERIOD_S
         hears(peers, fed_peers, now, encode(m.BEAT, 7, n, now, ("base",), key))
-        assert ("base" in peers.ignored(now)) == (now > MAX_TRANSIT), now
+        assert ("base" in peers.list_ignored(now)) == (now > MAX_TRANSIT), now

@@ -124,7 +124,7 @@ class Member:
     def ignored(self) -> dict[str, str]:
         """Return the members whose messages are ignored, by name, with the reason."""
         with self._lock:
-            return self.peers.ignored(self.car.now)
+            return self.peers.list_ignored(self.car.now)
 
     @property
     def counters(self) -> FrameCounters:

@@ -188,13 +188,13 @@ def _list_ignored(stations: list[Station]) -> dict[str, dict[str, str]]:
     """Return for JSON the members that are ignored and why; empty if there are none."""
     found: dict[str, str] = {}
     for station in stations:
-        found |= station.ignored()
+        found |= station.list_ignored()
     return {"ignored": found} if found else {}
 
 
 def _format_ignored(stations: list[Station]) -> tuple[str, ...]:
     return tuple(f"{name} in {station.transport.url} is ignored: {why}"
-                 for station in stations for name, why in sorted(station.ignored().items()))
+                 for station in stations for name, why in sorted(station.list_ignored().items()))
 
 
 def _open_keyboard(stack: ExitStack) -> Terminal | None:

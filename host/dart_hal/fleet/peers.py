@@ -279,7 +279,7 @@ class Peers:
                 if now - sender.last <= SESSION_MEMORY
                 and (m.HEALTH.id in sender.newest_frames or m.POSE.id in sender.newest_frames)}
 
-    def ignored(self, now: float) -> dict[str, str]:
+    def list_ignored(self, now: float) -> dict[str, str]:
         """Return the names of members whose frames are not used, with the reason."""
         found = dict(self.decoder.ignored)
         for session, sender in self.sessions.items():

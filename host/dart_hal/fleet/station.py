@@ -81,9 +81,9 @@ class Station:
         """Whether only signed messages are accepted."""
         return self.peers.decoder.key is not None
 
-    def ignored(self) -> dict[str, str]:
+    def list_ignored(self) -> dict[str, str]:
         """Return the names of members whose messages are not used, with the reason."""
-        return self.peers.ignored(self._now())
+        return self.peers.list_ignored(self._now())
 
     def look(self) -> None:
         """Process the received frames."""

@@ -91,7 +91,7 @@ class FleetDesk:
             self._report(f"no answer: {', '.join(silent)}" if silent else "all cars have answered")
             self._stop_calls = []
         for station in self._stations:
-            for name, why in station.ignored().items():
+            for name, why in station.list_ignored().items():
                 if self._ignored.get(name) != why and len(self._ignored) < MAX_IGNORED:
                     self._ignored[name] = why
                     self._report(f"{name} is ignored: {why}")
