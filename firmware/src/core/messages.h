@@ -666,7 +666,7 @@ struct Log {
   static constexpr uint8_t kMaxText = 49;
   // 0 debug, 1 info, 2 warning, 3 error
   uint8_t level;
-  // Characters in text; not sent: the length of the frame gives it.
+  // Characters in text; not sent, the frame tells it.
   uint8_t length;
   // 4 to 49 ASCII characters, without a terminating zero
   char text[kMaxText];

@@ -280,7 +280,7 @@ struct @ {{
   static constexpr uint8_t kMaxText = {limit};
   // {m.fields[0].doc}
   uint8_t level;
-  // Characters in text; not sent: the length of the frame gives it.
+  // Characters in text; not sent, the frame tells it.
   uint8_t length;
   // {m.fields[1].doc}, without a terminating zero
   char text[kMaxText];
