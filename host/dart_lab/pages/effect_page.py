@@ -13,6 +13,9 @@ Each entry is one physical cause that a base model lacks. At null it changes no 
 effects act in the order of the stages below. Option and URL: `quadratic_drag:0.1`, or with several
 parameters `encoder_ring:missing=0.05:phase=0.2`; separate effects by commas.
 
+![how often hidden effects are named](../pictures/diagnose_confusion.png)
+[How they were hidden](../results/campaign.md).
+
 ```toml
 [[effects]]
 name = "quadratic_drag"
