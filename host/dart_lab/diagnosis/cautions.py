@@ -25,8 +25,9 @@ def list_cautions(last: Point, sets: tuple[RecordingSet, RecordingSet],
                   causes: Sequence[Cause], policy: Policy) -> tuple[str, ...]:
     """List the warnings, the most important first.
 
-    last: the final fit; sets: training and test recordings; changes: parameters that the refit
-    changed, empty without one; gain: of the final model over the base.
+    last: the last fit by the noise, with the accepted effects; sets: training and test recordings;
+    changes: parameters that the refit changed, empty without one; gain: of the final model over the
+    base.
     """
     out = _compare_recordings(last, sets, policy)
     if not changes:
@@ -44,7 +45,7 @@ def list_cautions(last: Point, sets: tuple[RecordingSet, RecordingSet],
 def list_worse_channels(gain: Mapping[str, ErrorReduction], policy: ConclusionPolicy) -> list[str]:
     """List channels of the test recordings that are predicted significantly worse.
 
-    Where the recordings are too short for an interval: worse by more than ``policy.worse``.
+    Where the recordings are too short for an interval: worse by more than ``min_error_rise``.
     """
     return [name for name, g in gain.items()
             if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -policy.min_error_rise)]

@@ -131,6 +131,8 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                                [n for n, grade in accepted.grades.items()
                                 if grade.probability < policy.grade.confident_probability],
                                [one.effect for one in possible])
+    # Other models are fitted to the data of the final fit. Unless that is a fit of the search, they
+    # are those of the fits with equal weights, which have no sensors.
     fitted_to = q.train.evidence if final.point is last else fits.evidence
     final = include_alternatives(final, exchanges, q.search, fitted_to, policy.scan)
     causes = tuple(_make_cause(q, one, last, final, accepted, gains[one.effect])
@@ -193,7 +195,10 @@ def vehicles_for_logs(q: DiagnosisSetup, timings: tuple[MessageTiming, MessageTi
 
 def given_vehicles_for_logs(q: DiagnosisSetup, given: Point, predictor: Predictor
                             ) -> tuple[Vehicle, Vehicle]:
-    """Return the same for the model as given; with a refit exactly as in its file."""
+    """Return the vehicles by which the model as given predicts, as ``vehicles_for_logs``.
+
+    Before a refit that is the model exactly as in its file, for training and test recordings.
+    """
     return (q.base, q.base) if q.refit else predictor(given)
 
 
@@ -266,9 +271,10 @@ def _describe_evidence(q: DiagnosisSetup, named: AcceptedEffect,
                       / max(kn[1].std, 1e-12))
     away = abs(number.value - number.null) / max(number.std, 1e-12)
     return (
-        f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
-        f"some effect gains what counts like {named.threshold:.0f} of this one in "
-        f"{100.0 * q.settings.false_alarm:g} cases of 100",
+        f"robust loss {named.gain:.0f} lower on the training recordings; if nothing were missing, "
+        f"chance would lower it by more than {named.threshold:.0f} in "
+        f"{100.0 * q.settings.false_alarm:g} % of such recordings (the best of all effects, on the "
+        "scale of this one)",
         f"{key} is {away:.0f} standard errors from its null",
         f"errors on the test recordings are {describe_change(*cost)} without it",
         f"{gain.measure}: {removes(gain)}")
@@ -288,7 +294,7 @@ def _find_claims(q: DiagnosisSetup, last: Point, final: FinalFit, losses: Record
 
 
 def _units(q: DiagnosisSetup, point: Point) -> IntArray:
-    """Return the independent units (N,) of the residuals: recordings, or blocks of a few."""
+    """Return the independent units (N,) of the residuals: recordings, or blocks of few."""
     rows = _rows(q, point)
     many = rows.recording.max() + 1 >= MANY_RECORDINGS
     return rows.recording if many else rows.block

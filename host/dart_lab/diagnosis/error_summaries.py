@@ -13,9 +13,9 @@ from scipy.special import stdtrit
 from dart_hal.core.types import FloatArray
 from dart_lab.identification.evaluation.prediction import CHANNELS
 
-# Three quarters of the mean square error then come from something else than noise. The largest of
-# 144 simulated drives that hide nothing is 1.5, see docs/results/noise_floor.md.
-# RMSE over the noise floor, above which a model is not faultless.
+# RMSE over the noise floor, above which a model is not faultless: three quarters of the mean square
+# error then come from something else than noise. The largest of 144 simulated drives that hide
+# nothing is 1.5, see docs/results/noise_floor.md.
 MAX_OVER_FLOOR = 2.0
 
 

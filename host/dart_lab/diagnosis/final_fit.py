@@ -38,13 +38,14 @@ from .gains import HORIZON_INDEX, RecordingSet, compute_case_errors
 from .search.fit import Point, refit, refit_reusing_jacobian
 from .search.forward import ForwardSearch
 
-# The mean square of a recording with a single window is known by chance only.
-# Windows of an average recording that are added to the mean square of each recording.
+# Windows of an average recording that are added to the mean square of each recording: that of a
+# single window is known by chance only.
 TYPICAL_WINDOWS = 5
-# Of 136 effects that were simulated with other equations, 90 % intervals of the sampling error
-# alone held 65 %, for any estimate of it (sandwich, jackknife, long or short blocks). With a share
-# of .05, .08, .10, .12 they hold 81, 87, 88 and 93 %.
 # Error of an effect's size, as a share of it, where the car has another equation of the effect.
+# Derived from 136 effects that were simulated with other equations: 90 % intervals of the sampling
+# error alone held 65 % of the sizes, for any estimate of it (sandwich, jackknife, long or short
+# blocks); with a share of .05, .08, .10 and .12 they hold 81, 87, 88 and 93 %. Of 137 effects in
+# other drives they hold 90 %.
 FORM_ERROR = 0.10
 FIRST_PASSES = 3  # fits with weights measured again
 LATER_PASSES = 2  # the same from a start near the minimum
@@ -129,7 +130,7 @@ class EqualFits:
                          np.array([one.x for one in fits]))
 
     def select(self, equal: CrossValidatedFit) -> CrossValidatedFit:
-        """Return the fit itself, or that by the noise if a single recording has a large weight."""
+        """Return the fit itself, or, of too few recordings for equal weights, that by the noise."""
         if self.weighs_equally:
             return equal
         return self.judge(self.fit_by_noise(equal.fit))
@@ -174,8 +175,9 @@ def make_equal_fits(search: ForwardSearch, train: RecordingSet, noise: Noise,
 class FinalFit:
     """A fit whose numbers are reported.
 
-    vehicle, timing: with all effects; point: the fit of the motion, from which errors of other
-    quantities follow with covariance (k, k); stds: standard errors by name, in SI units.
+    vehicle, timing: with all effects. point: the fit of the parameters that change the motion. With
+    its covariance (k, k) the error of any quantity of the car can be computed, see
+    ``claims.quantity_changes``. stds: standard errors by name, in SI units.
     """
 
     vehicle: Vehicle
@@ -199,12 +201,13 @@ def make_final_fits(fits: EqualFits, points: Sequence[Point],
         return by_noise
     judged = fits.judge(fits.fit(points[0].vehicle, points[0], FIRST_PASSES))
     found = []
-    for sensors in by_noise:
-        moving = replace(sensors.vehicle, effects=tuple(
-            a for a in sensors.vehicle.effects if not affects_readings_only(a.effect)))
+    for searched in by_noise:
+        # The fit with equal weights has no sensors, so effects on readings keep their numbers.
+        moving = replace(searched.vehicle, effects=tuple(
+            a for a in searched.vehicle.effects if not affects_readings_only(a.effect)))
         if {a.name for a in moving.effects} != {a.name for a in judged.fit.vehicle.effects}:
             judged = fits.judge(fits.fit(moving, judged.fit))
-        found.append(_add_sensor_effects(judged, sensors))
+        found.append(_add_sensor_effects(judged, searched))
     return found
 
 
@@ -213,8 +216,8 @@ def _unchanged_fit(point: Point, covariance: FloatArray) -> FinalFit:
     return FinalFit(point.vehicle, point.timing, point, covariance, stds)
 
 
-def _add_sensor_effects(judged: CrossValidatedFit, sensors: FinalFit) -> FinalFit:
-    """Add the effects on sensors of another fit to a fit of the motion.
+def _add_sensor_effects(judged: CrossValidatedFit, searched: FinalFit) -> FinalFit:
+    """Add the effects on sensors of the fit of the search to a fit of the motion.
 
     All folds have the same prior, so the jackknife lacks its share of the covariance.
     """
@@ -226,12 +229,12 @@ def _add_sensor_effects(judged: CrossValidatedFit, sensors: FinalFit) -> FinalFi
     covariance = ((k - 1) / k * deviation.T @ deviation
                   + bread @ np.diag(fit.space.prior_weight) @ bread)
     motion = {a.name: a for a in fit.vehicle.effects}
-    effects = tuple(motion.get(a.name, a) for a in sensors.vehicle.effects)
-    timing = replace(fit.timing, message_age=sensors.timing.message_age,
-                     gyro_age=sensors.timing.gyro_age)
+    effects = tuple(motion.get(a.name, a) for a in searched.vehicle.effects)
+    timing = replace(fit.timing, message_age=searched.timing.message_age,
+                     gyro_age=searched.timing.gyro_age)
     stds = fit.space.standard_errors(fit.x, covariance)
     return FinalFit(replace(fit.vehicle, effects=effects), timing, fit, covariance,
-                    {**sensors.stds, **stds})
+                    {**searched.stds, **stds})
 
 
 def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle,

@@ -73,10 +73,10 @@ class AcceptanceGate(NamedTuple):
 STAGES = {
     "scan": "each effect in each round of the search, by the linear answer",
     "fit": "the best of them, by the full fit",
-    "search": "each cause once another was found",
-    "structure": "all causes of the search",
-    "grade": "all causes, by training data left out of the fit",
-    "test": "all causes, by the test recordings",
+    "search": "each candidate once another was found",
+    "structure": "all candidates",
+    "grade": "all candidates, by their size and by training data left out of the fit",
+    "test": "all candidates, by the test recordings",
 }
 
 TOO_SMALL = "so small that sampling or time stamps alone could cause it"
@@ -89,8 +89,8 @@ GATES = (
          lambda p: "its gain is above the threshold of the null distribution",
          lambda c: "its gain is below the threshold of chance"),
     AcceptanceGate("largest gain", "scan", lambda c, p: not c.chosen,
-         lambda p: "no better effect has passed in this round",
-         lambda c: f"gains less than {c.chosen}"),
+         lambda p: "no other effect has entered in this round",
+         lambda c: f"{c.chosen} has entered in this round"),
     AcceptanceGate("size", "scan", lambda c, p: c.size >= p.naming.min_tried_size,
          lambda p: f"at least {p.naming.min_tried_size:g} of its small size", lambda c: TOO_SMALL),
     AcceptanceGate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
@@ -100,7 +100,7 @@ GATES = (
          lambda p: f"at least {p.naming.min_size:g} of its small size", lambda c: TOO_SMALL),
     AcceptanceGate("gain with the others", "search", lambda c, p: c.remaining_gain >= c.threshold,
          lambda p: "without it the loss rises by at least its threshold",
-         lambda c: "causes found later explain what it did"),
+         lambda c: "effects found later explain what it did"),
     AcceptanceGate("structure", "structure",
          lambda c, p: (c.structure_after <= c.structure_removed
                        or c.structure_after

@@ -205,7 +205,10 @@ def _remove_mocap(r: Recording) -> Recording:
 
 
 def _drop_stationary(recordings: list[Recording], notes: list[str]) -> list[Recording]:
-    """Drop recordings with motion capture in which the car does not drive."""
+    """Drop recordings with motion capture in which the car does not drive.
+
+    Raises RecordingError if it drives in no recording, with or without motion capture.
+    """
     still = [r for r in recordings if driving_seconds(r) <= 0.0]
     if recordings and len(still) == len(recordings):
         raise RecordingError(

@@ -5,7 +5,7 @@ their messages. A car that loses a message keeps the previous command, so the ch
 it was logged. The errors of v_y and yaw rate 0.25 s ahead are fitted twice, see ``fit_ages``:
 
 1. with the ages that the log allows,
-2. with commands that act up to MAX_LATENESS later as well.
+2. with commands that act up to MAX_EXTRA_DELAY_S later as well.
 
 The second fit gains in log likelihood where windows after a change of a command are explained by
 the previous command. A gust gains nothing: no age of a command explains it. The throttle is not

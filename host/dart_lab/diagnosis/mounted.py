@@ -49,7 +49,8 @@ def describe_imu_mounting(fit: MountingFit, evidence: Evidence, policy: Policy
     """Return the mounting by effect and parameter.
 
     Effects on the gyro only with motion capture: else the gyro is part of the measured motion, and
-    every other parameter would depend on them.
+    every other parameter would depend on them. Standard errors are by blocks of 2 s, also of many
+    recordings.
     """
     signals = ACCEL_SIGNALS | {"gyro"} if evidence.has_mocap else ACCEL_SIGNALS
     names = [n for n in fit.names if set(catalogue()[n].signals) <= signals]

@@ -104,7 +104,10 @@ class NoisePolicy:
 
 @dataclass(frozen=True, slots=True)
 class BlockPolicy:
-    """Blocks of time that are independent and are held out together."""
+    """Blocks of time that are independent and are held out together.
+
+    Where they only limit a length, or remove what depends on the drive, BLOCK_S counts instead.
+    """
 
     seconds: float = BLOCK_S  # s of a block
 
@@ -123,15 +126,19 @@ class ScanPolicy:
 
     ladder: tuple[float, ...] = (0.35, 1.0, 2.2)  # of the medium size: small, medium, large
     dense: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)  # same
-    # for effects whose gain has several maxima: steps of a fifth
+    # for effects whose gain has several maxima over their size: steps of a fifth
     min_predicted_loss: float = 3.0  # reduction by a parabola above which larger sizes are tried
-    peak_tolerance: float = 0.05  # of the predicted reduction, between maximum and parabola's
-    slope_tolerance: float = 0.25  # of what sizes did in the last round; slopes stay (Shamanskii)
+    peak_tolerance: float = 0.05  # of the reduction that a parabola predicts at its maximum:
+    # if the reduction found there differs by less, larger sizes are not tried
+    slope_tolerance: float = 0.25  # of the gain that the changes by size of the last round predict:
+    # if the gain found differs by more, all sizes are tried again (Shamanskii)
     refinements: int = 6  # parabola steps after the ladder; most end after one, as predicted
-    prediction_tolerance: float = 0.02  # of a prediction: so accurate, a parabola is at its maximum
-    min_size_step: float = 0.1  # of a size; rungs are no nearer to the best where parabolas fail
-    bisections: int = 5  # between two rungs where a threshold may be: a thirtieth of their distance
-    threshold: float = 0.5  # of what is in proportion to its size; less moves as below a threshold
+    prediction_tolerance: float = 0.02  # of a predicted reduction: if at most so much of it is
+    # missing, the search for the size ends
+    min_size_step: float = 0.1  # of a size, between the best size and the next one that is tried
+    bisections: int = 5  # of an interval of sizes in which an effect may set in: to 1 / 32 of it
+    threshold: float = 0.5  # of the change in proportion to that by a larger size: below, an effect
+    # may set in between the two sizes
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +148,10 @@ class NamingPolicy:
     draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
     explanations: int = 3  # fits of a round to find the best explanation ...
     min_kept_share: float = 0.5  # ... which reaches this share of the linearly predicted gain
-    min_hidden_ratio: float = 2.0  # times the gain, once the noise is without the best explanation,
-    # from where on that explanation was part of the noise: else the two gains are the same
-    max_sharpenings: int = 3  # measurements of that noise in a round; each halves the rest
+    min_hidden_ratio: float = 2.0  # gain of the best explanation by the noise that it leaves, over
+    # that by the noise before. Above, what it explains was part of the noise before; if it was not,
+    # both gains are the same
+    max_sharpenings: int = 3  # times that the noise is measured so in a round; each halves the rest
     min_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
     min_tried_size: float = 0.4  # of the small size, by the linear answer, which may be off by half
     max_change_ratio: float = 2.0  # of the change of each of two alone: limit of the linear model
@@ -194,8 +202,9 @@ class ClaimPolicy:
 
     prior_probability: float = 0.2  # that a group is wrong: one or two of the usual seven
     max_criterion_gap: float = 12.0  # twice a log probability; a set worse by it is out: e^6 to one
-    max_linear_rise: float = 25.0  # loss; smaller moves need no fit: five standard deviations
-    max_swap_gap: float = 100.0  # the same to second order, which is inexact for far moves
+    max_linear_rise: float = 25.0  # loss; below, a set needs no fit: five standard deviations
+    max_swap_gap: float = 100.0  # of the criterion to second order, which is inexact for far moves:
+    # an exchange of two groups that is worse by more is not fitted
     min_group_probability: float = 0.05  # probability below which a group is not looked at again
     min_guessed_probability: float = 0.01  # the same to second order: below, it is not fitted
     draws: int = 128  # of units
@@ -217,16 +226,17 @@ class UnexplainedPolicy:
     accel: float = 0.03  # m/s2, root mean square; an accelerometer's sensitivity and the angle
     # between its axes are good to 1 % by its data sheet (BNO055), and a car pulls 3 m/s2 aside
     encoder: float = 0.006  # m/s, the same; one edge of 2.1 mm in 0.1 s over sqrt(12)
-    max_null_ratio: float = 2.0  # times the level, at which the exact null must agree too
-    first_level_ratio: float = 6.0  # times the level by a tenth of the flips; below, all are made:
-    # what is at the level is above it once in 300
+    max_null_ratio: float = 2.0  # times the level, that the p-value by flipped residuals may have:
+    # that null distribution is exact, but wide where there is much structure
+    first_level_ratio: float = 6.0  # times the level: if the p-value by a tenth of the flips is
+    # above, the others are not made; a p-value at the level is then missed once in 300
     min_share_ratio: float = 1.25  # by which one more variable must multiply the share
     max_blocks: int = 200  # at most: longer ones for longer data, the cost is by the block
     min_blocks: int = 10  # 2^10 ways to turn signs: enough for a level of 1 %
     folds: int = 8  # of blocks: 7 of 8 to fit
     min_recordings: int = 3  # from which on they are left out whole
     ridge: float = 10.0  # of residuals of size 1: structure of a tenth of the variance
-    sign_flips: int = 49  # with turned signs; their median is what chance explains
+    sign_flips: int = 49  # data sets with turned signs; the median share is what chance explains
     max_straight_angle: float = 0.03  # rad of steering; half of it is neither left nor right
     max_waves: float = 1.5  # per metre; a prediction averages over half a metre
 

@@ -40,11 +40,11 @@ from .search.forward import effect_names
 from .search.scan import scan
 
 MIN_RECORDINGS = 3  # with two, each effect would be judged by a fit to a single recording
-# Twice the 2.7 that 10 % of useless effects exceed, because a size is the best of several.
-# Drop of the loss by an effect alone that makes it a candidate.
+# Drop of the loss by an effect alone, above which it is tried: twice the 2.7 that 10 % of useless
+# effects exceed, because a size is the best of several.
 MIN_LOSS_DROP = 5.0
-# The expected drop of the loss by one useless parameter.
-# Rise of the loss without an effect, to second order, up to which it is dropped.
+# Rise of the loss without an effect, to second order, up to which it is dropped: what one useless
+# parameter lowers the loss by on average.
 MAX_NEEDLESS_RISE = 1.0
 # Effects that do not apply to other recordings, where battery and slope differ.
 #

@@ -61,8 +61,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     model, vehicle: as ``find_model`` gives them. train, test: as
     ``inputs.check_inputs`` gives them: all with motion capture, or all without.
     refit: estimate the parameters of the model before the search for effects, from their values in
-    the file and within the standard errors there, and the sizes of the car that have a standard
-    error in car.toml. only: effects that may be accepted; () = all.
+    the file and within 3.5 of the standard errors there, and the sizes of the car that have a
+    standard error in car.toml. only: effects that may be accepted; () = all.
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
@@ -152,10 +152,10 @@ def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mo
                             ) -> tuple[str, ...]:
     """Select the parameters that a refit estimates.
 
-    All of them, if the file states no standard error at all. If it does, a delay or lag of 0
-    without one is fixed: the model has no such parameter, and if the car has one, that is a cause.
-    Without motion capture it is estimated nevertheless: a lag of a tenth of a second cannot be
-    distinguished from commands that are logged with the next message.
+    All of them, if the file states no standard error at all. If it does, a parameter of 0 without
+    one, in practice a delay or lag, is fixed: the model has no such part, and if the car has one,
+    that is a cause. Without motion capture it is estimated nevertheless: a lag of a tenth of a
+    second cannot be distinguished from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
                  if not (has_mocap and known) or name in known or value(vehicle, name) != 0.0)

@@ -16,11 +16,11 @@ from .space import MessageTiming, max_age_spread
 # (mean age, spread) of commands before their message [s], from which fits start.
 START_AGES = tuple((a, share * max_age_spread(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
                    for share in ((0.0, 0.8) if a else (0.0,)))
-# The response to a step shows only at one age, so several shifts are compared.
-# Shifts of the command age [s] for its sensitivity.
+# Shifts of the command age [s] for its sensitivity. Several, because the response to a step of a
+# command changes only with a shift across the start of a window or a read-out.
 AGE_STEPS = (-0.025, -0.008, 0.008, 0.025)
-# A command with a stamp waits less than one PWM frame: shifts to each side close to half a frame.
-# Shifts of the command age [s] where commands wait for the next PWM frame.
+# The same where commands have a stamp and wait less than one PWM frame: nearly half a frame to each
+# side.
 FRAME_AGE_STEPS = (-0.4 * PWM_FRAME, 0.4 * PWM_FRAME)
 
 

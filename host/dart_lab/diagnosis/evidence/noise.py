@@ -1,10 +1,11 @@
 """Size and correlation of the residuals: whitening, weights, loss.
 
-With e (n, c) the motion residuals in SI units, b blocks of time, c = ``robust``:
+e (n, k): motion residuals in SI units, one row for each window. b: blocks of time. c = ``robust``.
 
-    r = e L^-T,  L L^T = robust covariance of e       read-outs of one window are correlated
-    w = min(1, sum_i r_i^2 / sum_b (sum_(i in b) r_i)^2)     and neighbours in time, by channel
-    rho(r) = 2 c^2 (sqrt(1 + (r / c)^2) - 1)          soft L1: r^2 for small r
+    r = e L^-T,  L L^T = robust covariance of e, because the read-outs of one window are correlated
+    w = min(1, sum_i r_i^2 / sum_b (sum_(i in b) r_i)^2)  for each column of r, because neighbours
+                                                          in time are correlated
+    rho(r) = 2 c^2 (sqrt(1 + (r / c)^2) - 1)              soft L1: r^2 for small r
 
 Each sensor is divided by its robust standard deviation. The age of a command differs from message
 to message: published recordings do not log when it changed, and in a run its pulse waits for the
@@ -44,7 +45,8 @@ class Noise:
 
     motion (c, c): matrix that whitens a row of motion residuals. sensors (4,): standard deviations.
     weight (c + 4,): independent values per value, at most 1. age_scale (n, c): motion is first
-    multiplied by it; below 1 where the age of a command changes a read-out.
+    multiplied by it; below 1 where the age of a command changes a read-out. Fits with equal weights
+    of the recordings have the weight of each recording there instead, see ``final_fit``.
     """
 
     motion: FloatArray
@@ -137,8 +139,8 @@ def _age_scale(motion: FloatArray, sensitivity: FloatArray, policy: NoisePolicy,
     """
     scale = np.ones(motion.shape)
     for _ in range(ALTERNATIONS):
-        # The age e of a command adds a residual s e, with variance s^2 var(e): in standard
-        # deviations of the other noise, the variance is 1 + s^2 var(e).
+        # An age that deviates by t from the mean adds a t to a residual, in standard deviations of
+        # the other noise. Over all ages the variance of the residual is 1 + s^2 a^2.
         relative = sensitivity / _robust_std(motion * scale)
         variance = (_age_variance(motion, sensitivity, relative, policy) if age_std is None
                     else age_std**2)
@@ -154,13 +156,13 @@ def _age_variance(motion: FloatArray, sensitivity: FloatArray, relative: FloatAr
                   policy: NoisePolicy) -> float | None:
     """Estimate the variance of ages [s2] where a command changes the motion most; None: unknown.
 
-    relative (n, c): ``sensitivity`` in standard deviations per second. A residual over its
+    relative (n, c): a, the ``sensitivity`` in standard deviations per second. A residual over its
     sensitivity is an age, with 1 / relative^2 as the variance of its noise.
     """
     informative = relative * MAX_COMMAND_AGE > 2.0 * policy.min_age_effect
     if informative.sum() < MIN_READINGS:
         return None
-    # var(residual / s) = var(e) + 1 / s^2: subtract the mean of the second term.
+    # var(residual / sensitivity) = s^2 + 1 / a^2: subtract the mean of the second term.
     age = motion[informative] / sensitivity[informative]
     age = np.clip(age, -MAX_COMMAND_AGE, MAX_COMMAND_AGE)
     noise = np.mean(relative[informative]**-2)

@@ -68,8 +68,9 @@ class OnboardEvidence(Evidence):
     def mounting(self) -> tuple[str, ...]:
         """Effects of how the IMU is mounted.
 
-        No car is built more exactly than 3 degrees and a centimetre. With only this IMU as a
-        reference, these effects are accepted by more than being visible.
+        No car is built more exactly than 3 degrees and a centimetre, so they are visible in every
+        recording. What they explain is therefore no structure that is left, and one is a cause only
+        if it passes all gates.
         """
         return ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "imu_offset_y", "gyro_bias",
                 "gyro_scale")

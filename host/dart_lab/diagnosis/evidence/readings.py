@@ -21,9 +21,9 @@ from .drive import DERIVATIVE_POINTS, RecordedDrive
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
 REST_YAW_SAMPLES = 10  # samples to each side over which the yaw rate of a car at rest is taken
 ENCODER_SAMPLES = 10  # samples over which the encoder counts
-# With fewer points the yaw rate carries more noise, and any effect that shifts a signal by part of
-# a sample would reduce the loss by smoothing that noise.
-# Samples of the derivative that gives the yaw rate to which the gyro is compared.
+# Samples of the derivative that gives the yaw rate to which the gyro is compared. With fewer the
+# yaw rate has more noise, and any effect that shifts a signal by part of a sample would reduce the
+# loss by smoothing that noise.
 YAW_RATE_POINTS = 11
 
 

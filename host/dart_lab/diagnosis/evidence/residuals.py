@@ -71,8 +71,8 @@ BLOCKS_PER_DRIVE = 1_000_000
 REST_LABEL = 50_000
 STATE_SAMPLES = [r + j for r in READ_OUTS for j in range(-HALF_POINTS, HALF_POINTS + 1)]
 OFFSETS = np.arange(-HALF_POINTS, HALF_POINTS + 1)
-# Least-squares line through DERIVATIVE_POINTS poses: weights j / sum(j^2) per sample.
-# Weights of consecutive poses that give their derivative [1/s].
+# Weights of consecutive poses that give their derivative [1/s]: of a least-squares line through
+# DERIVATIVE_POINTS poses, j / sum(j^2) per sample.
 DERIVATIVE_WEIGHTS = OFFSETS / (OFFSETS @ OFFSETS) / SAMPLE
 T = TypeVar("T")
 SampleInputs = Callable[[FloatArray, IntArray], FloatArray]
@@ -159,8 +159,9 @@ class Evidence:
     def mounting(self) -> tuple[str, ...]:
         """Effects that every car has to a small degree, so they are not structure.
 
-        Motion capture determines the scale of a gyro to 0.1 % in a minute, but the data sheet of a
-        BNO055 states 1 %. A run is of the car whose model it is.
+        Motion capture shows an error of 0.1 % of a gyro's scale in a minute, and the data sheet of
+        a BNO055 allows 1 %, so it would be found in sound cars. Of runs alone: they are of the car
+        whose model is extended, which then has that scale.
         """
         return ("gyro_scale",) if self.commands_stamped else ()
 

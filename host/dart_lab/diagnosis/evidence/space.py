@@ -74,10 +74,11 @@ NO_DELAY = MessageTiming(message_age=0.0)
 
 
 class Space:
-    """Points x (k,) in prior standard deviations: parameters by name, then the timing.
+    """Points x (k,): parameters by name in prior standard deviations, then the timing.
 
-    The spread of the command age is a fraction of the largest possible one, because no command
-    is younger than its message.
+    Ages are in units of their reach (``MESSAGE_AGE_REACH``, ``GYRO_AGE_REACH``). The spread of the
+    command age is a fraction of the largest possible one, because no command is younger than its
+    message.
     """
 
     def __init__(self, p: Vehicle, free: Sequence[str],
@@ -99,8 +100,11 @@ class Space:
         self.names = tuple(dict.fromkeys((*free, *effects)))
         amounts = {n: policy.effect_width * q.sizes[1] for n, q in effects.items()}
         # With mocap the age of a message shifts only readings, without it commands as well.
-        own = (READING_STEP if message_age else TIMING_STEP, TIMING_STEP, TIMING_STEP, READING_STEP)
-        self._timing_step = (*(TIMING_STEP if unit(p, n) == "s" else 0.0 for n in self.names), *own)
+        # Its step must then be long enough to change held commands.
+        of_ages = (READING_STEP if message_age else TIMING_STEP, TIMING_STEP, TIMING_STEP,
+                   READING_STEP)
+        of_parameters = (TIMING_STEP if unit(p, n) == "s" else 0.0 for n in self.names)
+        self._timing_step = (*of_parameters, *of_ages)
         self._inner = Coordinates(p, self.names, known, amounts)
         timing_low = np.array([-1.0, 0.0, 0.0, -1.0])
         timing_high = np.array([1.0, MAX_COMMAND_AGE / MESSAGE_AGE_REACH, 1.0, 1.0])

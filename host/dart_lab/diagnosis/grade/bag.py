@@ -4,9 +4,13 @@ Around the last fit everything is linear. Units (recordings, or stretches of one
 replacement, with counts c_u. The units that were not drawn judge a fit to those that were:
 
     L_u(x) = L_u + 2 h_u^T x + x^T H_u x,   h_u = Z_u^T Omega r_u,  H_u = Z_u^T Omega Z_u
-    x_with    = argmin sum_u c_u L_u(x) + |x0 + x|^2_P           Z: all free parameters, and d_a
+    x_with    = argmin sum_u c_u L_u(x) + sum_k p_k (x0_k + x_k)^2
     x_without = the same with the step along the secant d_a fixed at -1
     P(a) = share of draws with sum_(c_u = 0) (L_u(x_without) - L_u(x_with)) > 0
+
+x: change of the coordinates from the last fit x0, with the weights p of their prior; its last
+element is the step along d_a. r_u, Z_u, Omega_u: residuals of a unit, their derivatives by x, and
+weights.
 
 The equation of a cause in the car may differ a little from that of the catalogue. Each effect f
 with a larger gain than a therefore has additional columns, with a prior of one standard deviation
@@ -96,15 +100,15 @@ def probability(problem: BootstrapProblem, absent: float, draws: int, seed: int)
 def estimate_sizes_by_recording(linear: Secants, name: str) -> tuple[tuple[float, float], ...]:
     """Estimate the size of an effect in each recording, relative to the fitted one.
 
-        a_r = 1 - sum_r w d r / sum_r w d^2
+        a_j = 1 - sum_(i in j) w_i d_i r_i / sum_(i in j) w_i d_i^2       in recording j
 
-    with d the tangent of the effect with all other parameters projected out. The standard error
-    follows from the scores of blocks.
+    with w the weights of the rows i, r their residuals, and d the tangent of the effect with all
+    other parameters projected out. The standard error follows from the scores of blocks.
     """
     point = linear.point
     rows = linear.rows
-    # With the other parameters projected out, the loss of a recording is quadratic in the size
-    # alone; its minimum is at 1 - sum(w d r) / sum(w d^2).
+    # With the other parameters projected out, the loss of a recording is a parabola over the size
+    # alone; a_j is its minimum.
     d = point.projection(linear.coordinates[name])(linear.tangent[name])
     w = point.irls_weight
     score = np.bincount(rows.block, w * d * point.residual)

@@ -80,7 +80,10 @@ def parameter_tangent(point: Point, mine: Sequence[int]) -> FloatArray:
 
 def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy
                     ) -> IntArray:
-    """Return the units (N,) of a bootstrap: recordings, or stretches of time of a few."""
+    """Return the units (N,) of a bootstrap: recordings, or stretches of time if these are few.
+
+    A stretch is no shorter than BLOCK_S, whatever the blocks of the policy.
+    """
     if int(rows.recording.max()) + 1 >= MANY_RECORDINGS:
         return rows.recording
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S

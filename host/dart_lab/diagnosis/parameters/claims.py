@@ -94,7 +94,8 @@ def _pair_groups(found: Posterior, difference: float) -> list[GroupSet]:
 def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
     """Return whether parameters have left the range stated in the file; True without a range.
 
-    They have if one of them has left its standard errors, or all of them together have left the
+    They have if one of the group moved by more than its stated errors allow (one without a stated
+    error: by more than as many usual widths), or if those with stated errors have together left the
     ellipsoid of the same probability. The sum of a delay and a lag is known far better than each,
     so a change of both within their errors can be far outside of it:
 

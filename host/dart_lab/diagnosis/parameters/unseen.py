@@ -25,9 +25,8 @@ from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import MANY_RECORDINGS, Policy
 from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
 
-# A fit divides a time into delay and age with some error: two standard errors of the 5 ms that
-# files state for a delay.
-# Time by which an age may leave its range here, where delays are fixed [s].
+# Time by which an age may leave its range here, where delays are fixed [s]. A fit divides a time
+# into delay and age with some error: two standard errors of 5 ms, as files state for a delay.
 AGE_TOLERANCE_S = 0.010
 
 

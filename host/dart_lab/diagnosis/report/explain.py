@@ -28,8 +28,8 @@ SMALL_CHANGE = 0.02
 MAX_CHANGES = 3
 # Minimum number of recordings for which the middle half of the sizes is stated.
 QUARTILES_FROM = 4
-SPLITS = ("share of random re-splits of the training data in which data left out are predicted "
-          "better")
+SPLITS = ("share of random draws from the training data (bootstrap) in which the data left out are "
+          "predicted better with it")
 
 
 def heading(cause: Cause) -> str:

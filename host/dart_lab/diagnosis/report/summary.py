@@ -165,10 +165,9 @@ def _effect_on_errors(d: Diagnosis, model: str) -> str:
 def _describe_remainder(d: Diagnosis) -> str:
     """State the remaining errors as multiples of the noise floor."""
     last = d.stages[-1].horizons
-    ratios = {name: error_figure(last, HORIZON, name) / floor for name,
-              floor in d.noise_floor.items() if floor > 0.0 and math.isfinite(error_figure(last,
-                                                                                           HORIZON,
-                                                                                           name))}
+    ratios = {name: error_figure(last, HORIZON, name) / floor
+              for name, floor in d.noise_floor.items()
+              if floor > 0.0 and math.isfinite(error_figure(last, HORIZON, name))}
     if not ratios:
         return ""
     low = min(ratios, key=ratios.__getitem__)

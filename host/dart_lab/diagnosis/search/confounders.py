@@ -1,10 +1,11 @@
 """Confounders: other effects that explain the data equally well.
 
 With D_b = J_b(other) - J_b(best), the difference of the losses on block b, another effect is a
-confounder of the best one if the cosine between the projected directions of both is at least
-``cosine`` and
+confounder of the best one if
 
-    sum_b D_b < max(loss, clear sqrt(sum_b (D_b - mean D)^2))
+    gain(other) > min_gain_share gain(best)
+    cosine between the projected directions of both >= min_cosine
+    sum_b D_b < max(min_loss_difference, min_difference_stds sqrt(sum_b (D_b - mean D)^2))
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The objective of every fit, its minimisation, and the linear model around a minimum.
 
-Objective over whitened residuals r (N,) with weights w (N,) and coordinates x (k,) in prior
-standard deviations; p (k,) is 1 for a coordinate with a prior, otherwise 0:
+Objective over whitened residuals r (N,) with weights w (N,) and coordinates x (k,). p (k,), the
+weights of the prior (``Space.prior_weight``), are 1 for parameters, in prior standard deviations;
+for the timing they follow from its units, and are 0 where bounds alone limit it:
 
     J(x) = sum_i w_i rho(r_i(x)) + sum_k p_k x_k^2         low <= x <= high
 
@@ -209,9 +210,9 @@ def _reuse_jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArra
     if noise is not reference.noise:
         reused = noise.rewhiten(reference.noise, reused, len(evidence.motion_drive))
     known = {name: reused[:, i] for i, name in enumerate(reference.space.names)}
-    columns = [known[name] if name in known else _partial_derivative(evidence, noise, space, x, r,
-                                                                     i) for i,
-               name in enumerate(space.names)]
+    columns = [known[name] if name in known
+               else _partial_derivative(evidence, noise, space, x, r, i)
+               for i, name in enumerate(space.names)]
     return np.column_stack([*columns, reused[:, tail:]])
 
 

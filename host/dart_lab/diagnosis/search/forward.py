@@ -178,7 +178,7 @@ class ForwardSearch:
 
     def fit_nested(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:
-        """Fit the base, then with one more effect each, starting from a point.
+        """Return the base as it is, and fits with one more effect of a point each.
 
         Each fit starts from the one before, so that directions without information do not change.
         """
@@ -284,9 +284,9 @@ class ForwardSearch:
 
         In an own recording the uncertainty is the wait for a PWM frame. In other recordings the
         times are unknown, and a command may change between messages. In an own recording from
-        on-board sensors alone, residuals that depend on the driving are not removed from the noise:
-        errors of the initial state last for a window, like errors of the model, and model errors
-        would be removed.
+        on-board sensors alone, what functions of the driving state predict is subtracted first, see
+        ``remove_driven_motion``. Errors of the initial state last for a window there, like errors
+        of the model: a noise that contained both would give model errors little weight.
         """
         residuals = evidence.residuals(vehicle, timing)
         stamped = evidence.commands_stamped

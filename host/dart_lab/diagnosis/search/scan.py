@@ -294,9 +294,8 @@ class EffectScan:
         return np.asarray(np.nan_to_num(change, nan=0.0, posinf=0.0, neginf=0.0),
                           dtype=np.float32)
 
-    def _make_sweep(self, p: Parameter, fixed: Mapping[str, float], plain: Mapping[float,
-                                                                                   Residuals],
-                    ks: Sequence[float]) -> Sweep:
+    def _make_sweep(self, p: Parameter, fixed: Mapping[str, float],
+                    plain: Mapping[float, Residuals], ks: Sequence[float]) -> Sweep:
         """Collect the changes by size; a side that was not tried gets the opposite of the other."""
         changes = {k: self._plain_change(plain[k]) for k in ks if k in plain and k != p.null}
         if len(changes) == 1 and p.low < p.null < p.high:

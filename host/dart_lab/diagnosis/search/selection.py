@@ -100,8 +100,8 @@ def lowest_loss_fit(point: Point, fits: Iterable[Point]) -> Point:
 
 
 def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_effect: FitEffect,
-                  settings: Settings, explanations: Mapping[str,
-                                                            Point] | None = None) -> SelectionStep:
+                  settings: Settings, explanations: Mapping[str, Point] | None = None
+                  ) -> SelectionStep:
     """Select the effect of a round that passes all gates.
 
     1. Fit the best trials. The best fit gives the residuals without a cause.

@@ -49,8 +49,8 @@ class NullDistribution:
     def gain_thresholds(self, effects: Sequence[str], false_alarm: float) -> dict[str, float]:
         """By effect, the gain that is exceeded in a share ``false_alarm`` of the null data sets.
 
-        At least the Bonferroni threshold for independent normal residuals, because the residuals
-        may contain no noise.
+        At least the Bonferroni threshold for independent normal residuals: residuals without any
+        noise would give a threshold of 0.
         """
         share = false_alarm / max(len(self.inflation), 1)
         independent = NormalDist().inv_cdf(1.0 - 0.5 * share)**2  # chi-square
@@ -63,9 +63,10 @@ def simulate_null(point: Point, residual: FloatArray, trials: Sequence[Trial], b
     """Simulate the null distribution by a wild bootstrap over blocks.
 
     residual (N,): residuals after subtraction of the best explanation. block (N,): label of each
-    row; rows of one block share their random number. per_effect: scale each effect by its own
-    inflation. Otherwise the largest gain of any effect is the scale: for residuals with errors
-    of the method that no draw contains.
+    row; rows of one block share their random number. per_effect: divide the gain of each
+    effect by its own inflation. Without motion capture it is not: the residuals contain errors of
+    the estimated initial state that no draw contains, so the largest gain of any effect, undivided,
+    is the threshold of all.
     """
     w = point.weight * point.noise.robust_weight(residual)
     _, index = np.unique(block, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Basis functions of one or two variables, for structure in the residuals.
+"""Basis functions of one to three variables, for structure in the residuals.
 
 Half waves (cosines) for ordered variables, whole waves for angles, indicator functions for the
 direction and the recording; products of those for several variables. The prior of a function is
@@ -30,7 +30,7 @@ OTHER_SETS = (("x", "y"), ("x", "direction"), ("y", "direction"), ("x", "y", "di
 
 
 def list_variable_sets(features: Mapping[str, FloatArray]) -> list[tuple[str, ...]]:
-    """List the sets of variables that are tried, single ones first; distance has only waves."""
+    """List the sets of variables that are tried, single ones first; "way" has only waves."""
     candidates = [*combinations(DRIVE_VARIABLES, 2), *OTHER_SETS]
     return [*((name,) for name in features if name != "way"),
             *(s for s in candidates if all(name in features for name in s))]

@@ -19,14 +19,14 @@ from .crossfit import predict_held_out
 from .features import exogenous, window_features
 
 # Variables of vehicle models. The prediction is a sum of one function of each.
-DRIVE_VARIABLES = ("speed", "steering_angle", "lateral_acceleration", "throttle", "direction")
+MODEL_VARIABLES = ("speed", "steering_angle", "lateral_acceleration", "throttle", "direction")
 # Samples by which a window is described, as in the search for structure.
 WINDOW_SAMPLES = READ_OUTS[2]
 
 
 def remove_driven_motion(evidence: Evidence, p: Vehicle, r: Residuals,
                          policy: UnexplainedPolicy) -> Residuals:
-    """Subtract from the motion what functions of DRIVE_VARIABLES predict on held-out blocks.
+    """Subtract from the motion what functions of MODEL_VARIABLES predict on held-out blocks.
 
     Columns that they do not predict are unchanged, all columns if there are too few blocks.
     """
@@ -35,15 +35,16 @@ def remove_driven_motion(evidence: Evidence, p: Vehicle, r: Residuals,
 
 def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
                   policy: UnexplainedPolicy) -> FloatArray:
-    """Subtract from errors (n, c) of the windows what functions of DRIVE_VARIABLES predict.
+    """Subtract from errors (n, c) of the windows what functions of MODEL_VARIABLES predict.
 
     span: samples by which a window is described. See ``remove_driven_motion``.
     """
+    # Blocks of the usual length, whatever the policy of the diagnosis.
     block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
     if not len(block) or block.max() + 1 < policy.min_blocks:
         return errors
     features = exogenous(p, window_features(evidence, p, span), policy.max_straight_angle)
-    columns = np.hstack([basis_functions(features, (name,), TAIL) for name in DRIVE_VARIABLES])
+    columns = np.hstack([basis_functions(features, (name,), TAIL) for name in MODEL_VARIABLES])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
     finite = replace_diverged(errors)
     return np.stack([_subtract_prediction(y, columns, fold, policy) for y in finite.T], axis=1)

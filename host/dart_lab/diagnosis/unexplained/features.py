@@ -1,8 +1,9 @@
 """Features: the motion in each window and at each message, on which residuals may depend.
 
-All are computed from the measured motion and the logged commands. They are independent of the size
-of a residual, so any dependence on them is structure. A window is described by its mean, a message
-by the mean over the time in which its encoder counted.
+All are computed from the measured motion and the logged commands, not from a prediction. A
+dependence of the residuals on them is structure, but for those that the disturbance itself changes,
+which ``exogenous`` removes or replaces. A window is described by its mean, a message by the mean
+over the time in which its encoder counted.
 """
 
 from __future__ import annotations

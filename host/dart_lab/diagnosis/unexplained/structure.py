@@ -37,7 +37,7 @@ from .crossfit import (
 from .features import FEATURE_UNITS, exogenous, message_features, window_features
 from .waves import WAVE_SETS, WAVES, find_wave, phase_labels, wave_shares
 
-READ_OUT_INDEX = 2  # at 0.5 s, the distance between windows
+READ_OUT_INDEX = 2  # at 0.5 s, the distance between windows of short recordings
 CHANNEL_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
 WAVES_RANK = 9  # larger than the size of any set of variables
@@ -113,6 +113,8 @@ def find_structure(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: 
 def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
                     policy: UnexplainedPolicy = USUAL.unexplained) -> list[ResidualGroup]:
     """Collect the motion residuals at 0.5 s and the sensor residuals, with their features."""
+    # Length of the recordings, as if windows were 0.5 s apart and messages 0.1 s; it only limits
+    # the number of blocks.
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
     length = max(BLOCK_S, seconds / policy.max_blocks)
     windows, messages = evidence.blocks(length)
@@ -121,8 +123,9 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
     sensors = slice(None)
     if isinstance(evidence, OnboardEvidence):
         names, motion, sensors = evidence.read_out
-    whitener = np.linalg.inv(noise.motion)
-    size = np.sqrt((whitener**2).sum(axis=1))[motion]
+    # L of the covariance L L^T of the motion; its diagonal has the variances.
+    factor = np.linalg.inv(noise.motion)
+    size = np.sqrt((factor**2).sum(axis=1))[motion]
     certain = np.broadcast_to(noise.age_scale, residuals.motion.shape)[:, motion]
     x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
@@ -131,14 +134,12 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
     message_values = exogenous(p, message_features(evidence, p), policy.max_straight_angle)
     del message_values["steering_rate"]  # mocap and sensors smooth the start of a turn differently
     drives = tuple(d.recording.name for d in evidence.drives)
-    sensors_whitened = noise.whiten(residuals)[1]
-    noise_scale = evidence.noise_scale
+    readings = noise.whiten(residuals)[1][:, sensors]
+    reading_size = (noise.sensors / evidence.noise_scale)[:, sensors]
     return [ResidualGroup(names, x, size / certain, window_values, windows, evidence.motion_drive,
-                          drives), ResidualGroup(tuple(SENSORS[sensors]), sensors_whitened[:,
-                                                                                           sensors],
-                                                 (noise.sensors / noise_scale)[:, sensors],
-                                                 message_values, messages, evidence.sensor_drive,
-                                                 drives)]
+                          drives),
+            ResidualGroup(tuple(SENSORS[sensors]), readings, reading_size, message_values, messages,
+                          evidence.sensor_drive, drives)]
 
 
 def find_group_structure(groups: list[ResidualGroup], seed: int = 0, level: float = 0.01,
@@ -238,9 +239,8 @@ def _tolerance(channel: str, policy: UnexplainedPolicy) -> float:
 
 
 def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
-                  rng: np.random.Generator, policy: UnexplainedPolicy) -> tuple[FloatArray,
-                                                                                list[tuple[str,
-                                                                                           ...]]]:
+                  rng: np.random.Generator, policy: UnexplainedPolicy
+                  ) -> tuple[FloatArray, list[tuple[str, ...]]]:
     """Shares (1 + 2 s, sets x channels): observed, flipped, flipped remainder; and the sets."""
     features = _features(group)
     y = _centre(group, CLIP)
