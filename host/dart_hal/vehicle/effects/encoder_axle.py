@@ -32,7 +32,7 @@ def read_both_axles(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now]
 EFFECT = Effect(
     name="encoder_axle",
     title="has an encoder that the front axle turns as well",
-    physics="The encoder of a car with four driven wheels has the mean of both axles.",
+    physics="With all wheels driven it turns with the mean of both axles.",
     stage="measurement",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),

@@ -29,6 +29,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
                           meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),
-    experiment="Accelerate and coast on a straight: the error changes sign with the force.",
+    experiment="Accelerate and coast: the error changes sign with the force.",
     signals={"wheel": Static(add_slip)},
 )

@@ -30,6 +30,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05),
                           meaning="distance of the IMU to the left of the middle"),),
     confused_with=("imu_roll", "imu_lever_arm"),
-    experiment="Use a ruler. Or fast circles: it has one sign, and is zero at rest.",
+    experiment="Use a ruler. Or fast circles: the side acceleration has one sign.",
     signals={"accel": Static(accel)},
 )

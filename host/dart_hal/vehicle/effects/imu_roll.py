@@ -34,7 +34,7 @@ EFFECT = Effect(
     signed_titles=(
         "has an IMU that is tilted to the left",
         "has an IMU that is tilted to the right"),
-    physics="A bent plate is not level. One degree adds 0.17 m/s2.",
+    physics="One degree of tilt adds 0.17 m/s2 of gravity.",
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),

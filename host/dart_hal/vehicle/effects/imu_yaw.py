@@ -34,6 +34,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
                           meaning="rotation of the IMU to the left"),),
     confused_with=("imu_lever_arm",),
-    experiment="Accelerate and brake on a straight: side acceleration follows the forward one.",
+    experiment="Accelerate and brake: side acceleration follows the forward one.",
     signals={"accel": Static(accel)},
 )

@@ -33,7 +33,7 @@ EFFECT = Effect(
                           meaning="moment that turns the moving car to the left"),),
     confused_with=("steering_trim", "gyro_bias", "mocap_yaw", "road_slope_x", "road_slope_y"),
     experiment=(
-        "Straight drives in both directions. A slope pulls to one side of the hall; a trim acts "
-        "at walking pace too."),
+        "Straight drives in both directions. A slope keeps its side of the hall; a trim acts at "
+        "walking pace too."),
     force=force,
 )

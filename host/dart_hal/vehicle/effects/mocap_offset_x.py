@@ -32,6 +32,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker ahead of its stated position"),),
     confused_with=("centre_of_mass", "mocap_offset_y"),
-    experiment="Turn the car on the spot by hand: the marker's circle has this radius.",
+    experiment="Turn the car on the spot by hand and measure the circle.",
     signals={"pose": Static(pose)},
 )

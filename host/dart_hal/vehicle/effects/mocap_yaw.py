@@ -32,6 +32,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03),
                           meaning="rotation of the marker to the left"),),
     confused_with=("steering_trim", "lateral_pull"),
-    experiment="Straight drives forwards and in reverse: the side velocity changes sign.",
+    experiment="Drive forwards and in reverse: the side velocity changes sign.",
     signals={"pose": Static(pose)},
 )

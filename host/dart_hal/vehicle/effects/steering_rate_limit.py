@@ -39,6 +39,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "s", 0.0, 2.0, sizes=(0.125, 0.25, 0.5),
                           meaning="time from straight ahead to full lock"),),
     confused_with=("steering_lag", "steering_delay"),
-    experiment="Steering steps: the time to arrive grows with the step; a lag's is constant.",
+    experiment="Steering steps: the time grows with the step; a lag's is constant.",
     signals={"steering": Stateful(limit_rate, blind=True, slack=slack)},
 )

@@ -27,6 +27,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2),
                           meaning="change of the yaw inertia"),),
     confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
-    experiment="Fast steering changes at high speed. A servo lag also acts at low speed.",
+    experiment="Steering changes at high speed; a servo lag acts at any.",
     vehicle=vehicle,
 )
