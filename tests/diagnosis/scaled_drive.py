@@ -28,7 +28,7 @@ from studies.diagnosis import hidden_drive
 POSE_STD = 1e-4
 YAW_STD = 5e-4
 SPEED_STD = 0.01
-GYRO_STD = 0.003
+GYRO_NOISE_STD = 0.003
 ACCEL_STD = 0.5
 SIZE_NAMES = ("wheelbase", "l_f", "mass", "yaw_inertia")
 PULSE = 0.1
@@ -82,7 +82,7 @@ class Size:
                 "steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s")}))
 
 
-SIZES = {"1:43": Size(0.06, 0.04), "1:10": Size(PAPER.body.wheelbase, PAPER.body.mass),
+CAR_SIZES = {"1:43": Size(0.06, 0.04), "1:10": Size(PAPER.body.wheelbase, PAPER.body.mass),
          "1:1": Size(2.6, 1000.0)}
 
 
@@ -144,7 +144,7 @@ def log(drive, size, path, seed=0):
         "poses": sample(drive.poses, lengths, [POSE_STD, POSE_STD, YAW_STD]),
         "commands": Stream(sent, drive.commands[[*changes, -1]]),
         "encoder": sample(drive.wheel, size.length / size.time, SPEED_STD),
-        "gyro": sample(drive.yaw_rate, 1.0 / size.time, GYRO_STD),
+        "gyro": sample(drive.yaw_rate, 1.0 / size.time, GYRO_NOISE_STD),
         "accelerometer": sample(drive.accel, 1.0, ACCEL_STD)}
     marker = Reference(hidden_drive.LX * size.length, hidden_drive.THETA,
                        hidden_drive.LY * size.length, "stated")

@@ -28,14 +28,14 @@ from dart_hal.vehicle.flat import bounds, names
 from dart_hal.vehicle.scale import REFERENCE_MASS
 from dart_lab.sim.light import LightCar
 
-LOOP = SpeedLoop(gain=8.0, max_force=6.0)
-CAR = replace(PAPER, name="loop", motor=LOOP)
+SPEED_LOOP = SpeedLoop(gain=8.0, max_force=6.0)
+CAR = replace(PAPER, name="loop", motor=SPEED_LOOP)
 
 
 @pytest.mark.parametrize(("command", "speed", "force"), [
     (1.5, 1.0, 4.0), (1.0, 1.5, -4.0), (3.0, 1.0, 6.0), (0.0, 2.0, -6.0), (-1.0, -0.75, -2.0)])
 def test_force_is_gain_times_excess_within_the_largest_force(command, speed, force):
-    assert make_motor(LOOP)(command, speed) == force
+    assert make_motor(SPEED_LOOP)(command, speed) == force
 
 
 def test_car_settles_where_the_force_equals_the_friction():
@@ -45,7 +45,7 @@ def test_car_settles_where_the_force_equals_the_friction():
         state = step(*state, 1.5, -CAR.steering.s0)
     f = CAR.friction
     resistance = f.a * math.tanh(f.b * state[3]) + f.c * state[3]
-    assert state[3] == pytest.approx(1.5 - resistance / LOOP.gain, abs=1e-4)
+    assert state[3] == pytest.approx(1.5 - resistance / SPEED_LOOP.gain, abs=1e-4)
 
 
 def test_largest_acceleration_is_that_of_the_largest_force():
@@ -53,7 +53,7 @@ def test_largest_acceleration_is_that_of_the_largest_force():
     step = make_car_step(replace(CAR, friction=replace(CAR.friction, a=0.0, c=0.0)))
     for _ in range(20):
         state = step(*state, 5.0, -CAR.steering.s0)
-    assert state[3] == pytest.approx(0.2 * LOOP.max_force / CAR.body.mass, rel=1e-3)
+    assert state[3] == pytest.approx(0.2 * SPEED_LOOP.max_force / CAR.body.mass, rel=1e-3)
 
 
 def test_kinematic_and_dynamic_cars_have_the_same_loop():
@@ -97,11 +97,11 @@ def test_bounds_scale_with_the_mass():
 
 def test_motors_of_two_forms_do_not_stack():
     with pytest.raises(UsageError, match="different equations"):
-        stack([PAPER, replace(PAPER, motor=LOOP)])
+        stack([PAPER, replace(PAPER, motor=SPEED_LOOP)])
 
 
 @pytest.mark.parametrize("use", [
-    lambda: make_motor_gains(LOOP), lambda: InverseDrive(CAR), lambda: SpeedBounds(CAR, True),
+    lambda: make_motor_gains(SPEED_LOOP), lambda: InverseDrive(CAR), lambda: SpeedBounds(CAR, True),
     lambda: LightCar(CAR)], ids=["gains", "inverse", "bounds", "simulation"])
 def test_users_of_a_duty_motor_refuse_a_speed_loop(use):
     with pytest.raises(UsageError, match="speed loop") as refused:

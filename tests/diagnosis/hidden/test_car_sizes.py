@@ -18,7 +18,7 @@ from dart_hal.vehicle.sizes import set_sizes
 from dart_lab import identify
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
-from tests.diagnosis.scaled_drive import SIZES, log, simulate
+from tests.diagnosis.scaled_drive import CAR_SIZES, log, simulate
 
 STATED_ERROR = 0.03
 """Relative standard error of the parameters of the model."""
@@ -51,7 +51,7 @@ def diagnose_sizes(folder, hidden, seconds):
         car = apply(car, name, k=k)
     drives = [simulate(car, 5, seconds), simulate(car, 6, seconds * 2.0 / 3.0)]
     found = {}
-    for i, (name, size) in enumerate(SIZES.items()):
+    for i, (name, size) in enumerate(CAR_SIZES.items()):
         p = size.scale(PAPER)
         train, test = (log(drive, size, folder / f"{i}_{k}.mcap", k)
                        for k, drive in enumerate(drives))
@@ -68,7 +68,7 @@ def check_sizes(found, hidden, units):
     relative = {}
     for name, d in found.items():
         assert {c.effect for c in d.causes} == set(hidden), name
-        size = SIZES[name]
+        size = CAR_SIZES[name]
         for cause in d.causes:
             factor = {"N": size.force, "rad": 1.0}[units[cause.effect]]
             k = cause.parameters["k"]
@@ -103,7 +103,7 @@ def test_where_nothing_is_hidden_nothing_is_named(tmp_path):
 def test_a_joint_fit_is_the_same_at_all_sizes(tmp_path):
     """From the set of the paper with the sizes of the car, whose forces scale with them."""
     drive = simulate(PAPER, 5, 30.0)
-    for name, size in SIZES.items():
+    for name, size in CAR_SIZES.items():
         recording = log(drive, size, tmp_path / "run.mcap")
         base = set_sizes(find_model("paper")[0], recording.car.geometry)
         fits = identify([recording], base, joint=True).fits

@@ -16,17 +16,17 @@ from dart_lab.identification.experiment.floor import Floor
 from tests.identification.test_speed_loop_fit import FRAME, TRUE, driven
 
 FLOOR = Floor(10.0, 10.0)
-NAMES = ("rollouts", "circles", "launch")
+OFFERED_DRIVES = ("rollouts", "circles", "launch")
 
 
 @pytest.fixture(scope="module")
 def drives():
-    choices = tuple(c for c in CHOICES if c.name in NAMES)
+    choices = tuple(c for c in CHOICES if c.name in OFFERED_DRIVES)
     return list(rehearse_choices(FLOOR, model_of(TRUE), choices))
 
 
 def test_the_commands_are_speeds_on_the_floor(drives):
-    assert [d.choice.name for d in drives] == list(NAMES)
+    assert [d.choice.name for d in drives] == list(OFFERED_DRIVES)
     for drive in drives:
         assert drive.shell_commands == (), "no program of this package drives such a car"
         for commands in drive.commands:
@@ -50,7 +50,7 @@ def test_a_wrong_gain_gets_a_drive_that_measures_it_better(monkeypatch, drives):
         monkeypatch.setattr(f"dart_lab.diagnosis.suggest.{module}.rehearse_choices",
                             lambda floor, model: iter(drives))
     for one in suggest_parameter_drives(found, model=model_of(model)):
-        assert one.drive in NAMES
+        assert one.drive in OFFERED_DRIVES
         assert all(one.after[name] < one.before[name] for name in one.after)
         assert "drive" in one.sentence()
     suggest(found, model=model_of(model))

@@ -14,7 +14,7 @@ from dart_hal.vehicle.effects import activate, apply, catalogue, effect_for
 from dart_hal.vehicle.flat import bounds, stack, with_values
 from dart_hal.vehicle.namespace import SCALAR
 from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale, find_scale
-from tests.diagnosis.scaled_drive import SIZES, Size
+from tests.diagnosis.scaled_drive import CAR_SIZES, Size
 
 # Powers of two, so that the rounded scale is the exact one: about 1:43 and 1:1.
 SIMILAR = [Size(PAPER.body.wheelbase / 4.0, PAPER.body.mass / 32.0),
@@ -60,7 +60,7 @@ def test_sizes_of_1_10_are_those_of_the_catalogue(effect):
 
 
 def test_times_of_electronics_do_not_scale_and_lengths_do():
-    large = SIZES["1:1"].scale(PAPER)
+    large = CAR_SIZES["1:1"].scale(PAPER)
     for name, factor in (("steering_delay", 1.0), ("gyro_bias", 1.0), ("road_slope_x", 1.0),
                          ("encoder_slip", 1.0), ("steering_trim", 1.0),
                          ("imu_lever_arm", 16.0), ("rolling_resistance", 512.0)):
@@ -69,7 +69,7 @@ def test_times_of_electronics_do_not_scale_and_lengths_do():
 
 
 def test_bounds_are_those_of_the_car():
-    large = SIZES["1:1"].scale(PAPER)
+    large = CAR_SIZES["1:1"].scale(PAPER)
     heavy = apply(large, "rolling_resistance", k=300.0)
     assert bounds(heavy, "rolling_resistance.k") == (-512.0, 5.0 * 512.0)
     assert with_values(heavy, {"rolling_resistance.k": 400.0}).effects[0].values == (400.0,)
@@ -81,10 +81,10 @@ def test_bounds_are_those_of_the_car():
 
 def test_scales_are_rounded_to_powers_of_two():
     assert find_scale(PAPER.body) == REFERENCE_SCALE
-    assert find_scale(SIZES["1:43"].scale(PAPER).body) == Scale(0.25, 2.0**-5)
-    assert find_scale(SIZES["1:1"].scale(PAPER).body) == Scale(16.0, 512.0)
+    assert find_scale(CAR_SIZES["1:43"].scale(PAPER).body) == Scale(0.25, 2.0**-5)
+    assert find_scale(CAR_SIZES["1:1"].scale(PAPER).body) == Scale(16.0, 512.0)
     twice = Size(2.0 * PAPER.body.wheelbase, 2.0 * PAPER.body.mass).scale(PAPER)
-    batch = stack([twice, twice, replace(twice, body=SIZES["1:1"].scale(PAPER).body)])
+    batch = stack([twice, twice, replace(twice, body=CAR_SIZES["1:1"].scale(PAPER).body)])
     assert find_scale(batch.body) == Scale(2.0, 2.0)
 
 
