@@ -91,7 +91,19 @@ def test_nothing_is_assumed_of_a_published_recording(verb):
 
 def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own_recording, cars):
     named = ("--car", "long", "--cars", cars)
-    assert sizes_of(verb("evaluate", "--json", *named, own_recording).json) == LONG_CAR
+    answer = verb("evaluate", "--json", *named, own_recording).json
+    assert sizes_of(answer) == LONG_CAR
+    assert answer["sizes"]["caution"] is None, "a car of 1:10, as the recording counts"
+
+
+def test_recording_without_a_car_is_cautioned_with_a_model_of_a_larger_car(verb, own_recording,
+                                                                             cars):
+    described = cars / "long" / "car.toml"
+    text = described.read_text().replace("mass = 2.0", "mass = 4.0")
+    described.write_text(text.replace("yaw_inertia = 0.01", "yaw_inertia = 0.03"))
+    ran = verb("evaluate", "--json", "--car", "long", "--cars", cars, own_recording)
+    assert "limits of speed and length of a car of another size" in ran.json["sizes"]["caution"]
+    assert "import or record them with --car" in ran.err
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from dart_hal.core.config import CarConfig, CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_hal.vehicle.sets import SETS
 from dart_hal.vehicle.sizes import (
     SIZES,
@@ -116,14 +117,14 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
         changed = set_sizes(model, car.config.geometry)
         lock = _find_start_lock(car.config, recordings) if fitting else None
         changed = changed if lock is None else scale_steering_lock(changed, lock)
-        return _record_source(changed, f"car {car.config.name} ({car.origin})")
+        return _record_source(changed, f"car {car.config.name} ({car.origin})", recordings)
     if car is not None:
         differences = list_differences(model, car.config.geometry)
         caution = (f"{name} states other sizes than car {car.config.name} ({car.origin}): "
                    f"{', '.join(differences)}; those of the model are used" if differences else "")
-        return _record_source(model, f"the model {name}", caution=caution)
+        return _record_source(model, f"the model {name}", recordings, caution=caution)
     if stated:
-        return _record_source(model, f"the model {name}")
+        return _record_source(model, f"the model {name}", recordings)
     lock = _find_start_lock(None, recordings) if fitting else None
     model = model if lock is None else scale_steering_lock(model, lock)
     # Runs contain the car.toml of their car. One of another car, or none, ends this rule.
@@ -131,9 +132,9 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
                                  for r in recordings):
         return _record_source(set_sizes(model, owner.geometry),
-                              f"car {owner.name}, as recorded in its runs")
+                              f"car {owner.name}, as recorded in its runs", recordings)
     published = bool(recordings) and all(r.published for r in recordings)
-    return _record_source(model, "the DART car", assumed=not published)
+    return _record_source(model, "the DART car", recordings, assumed=not published)
 
 
 def _find_start_lock(car: CarConfig | None, recordings: Sequence[Recording]) -> float | None:
@@ -146,11 +147,22 @@ def _find_start_lock(car: CarConfig | None, recordings: Sequence[Recording]) -> 
     return stated or (None if car is None else find_steering_lock(car))
 
 
-def _record_source(model: ModelFile, source: str, *, assumed: bool = False,
-                   caution: str = "") -> SizedModel:
+def _record_source(model: ModelFile, source: str, recordings: Sequence[Recording], *,
+                   assumed: bool = False, caution: str = "") -> SizedModel:
     """Write the source of the sizes into the provenance of the model."""
     recorded = f"{ASSUMED_PREFIX}: {source}" if assumed else source
     model = msgspec.structs.replace(model, provenance={**model.provenance, "sizes": recorded})
-    return SizedModel(model, vehicle_of(model), source, assumed, caution)
+    vehicle = vehicle_of(model)
+    cautions = [line for line in (caution, _describe_other_scales(vehicle, recordings)) if line]
+    return SizedModel(model, vehicle, source, assumed, "; ".join(cautions))
 
 
+def _describe_other_scales(vehicle: Vehicle, recordings: Sequence[Recording]) -> str:
+    """Return a caution if recordings count as those of a car of another size, else ""."""
+    scale = find_scale(vehicle.body)
+    others = [r.name for r in recordings if r.scale != scale]
+    if not others:
+        return ""
+    return (f"{len(others)} recording(s) of {len(recordings)} are read with the limits of speed "
+            f"and length of a car of another size, because they do not have the car.toml of this "
+            f"one: {others[0]}; import or record them with --car")
