@@ -39,7 +39,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
                 continue
             rows.append(Figure(f"contouring control, {'C' if compiled else 'numpy'}, {name}: "
                                "a plan, p95", p95, "ms",
-                               note=f"median {median:.2f}; wanted at most {TARGETS[compiled]:g}"))
+                               note=f"median {median:.2f}; target: at most {TARGETS[compiled]:g}"))
     return rows
 
 

@@ -20,15 +20,12 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 from tests.diagnosis.scaled_drive import CAR_SIZES, log, simulate
 
-STATED_ERROR = 0.03
-"""Relative standard error of the parameters of the model."""
-STATED_TRIM = 0.005
-STATED_DELAY = 0.005
-"""s, of the car of 1:10."""
+STATED_ERROR = 0.03  # standard error of a parameter of the model, relative to its value
+STATED_TRIM = 0.005  # standard error of the command straight on
+STATED_DELAY = 0.005  # s, standard error for the car of 1:10
+# Relative error of a size that is found: the refit of the model follows a part of each cause.
 MAX_ERROR = 0.3
-"""Of a size that is found: the refit of the model follows a part of each cause."""
-MAX_DEVIATION = 2.6
-"""Standard errors: 99 % of a normal distribution."""
+MAX_DEVIATION = 2.6  # standard errors: 99 % of a normal distribution
 
 
 def state_errors(model, size):
