@@ -155,9 +155,8 @@ def twins(monkeypatch):
     twin = replace(grip, name="twin", parameters=(half,),
                    vehicle=lambda p, k: grip.vehicle(p, 0.5 * k))
     known["twin"] = twin
-    everywhere = ("dart_lab.diagnosis.search.scan", "dart_lab.diagnosis.search.selection",
-                  "dart_lab.diagnosis.search.forward", "dart_lab.diagnosis.conclude",
-                  "dart_hal.vehicle.effects")
+    everywhere = ("dart_lab.diagnosis.search.scan", "dart_lab.diagnosis.search.forward",
+                  "dart_lab.diagnosis.conclude", "dart_hal.vehicle.effects")
     for place in everywhere:
         monkeypatch.setattr(f"{place}.catalogue", lambda: known)
     return known
