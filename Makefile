@@ -51,10 +51,11 @@ soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothin
 mutants: $(VENV)/.mutants toolchain ## break the safety parts in 200 small ways: do the tests notice? (an hour)
 	@$(BIN)/python tests/mutation/mutation_run.py $(ARGS)
 
-lint: $(VENV)/.dev ## style, types and import layers
+lint: $(VENV)/.dev ## style, types, import layers and the language's budgets
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+	@$(BIN)/python -m pytest -q -m slow tests/language
 
 bench: $(VENV)/.dev toolchain ## every figure of docs/results/benchmarks.md, measured here
 	@$(BIN)/python benchmarks/run.py $(ARGS)

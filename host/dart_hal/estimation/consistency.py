@@ -6,8 +6,8 @@
     free        largest speed even of lifted wheels
 
 A reference above the encoder means missing edges. One below it means that the
-wheels spin. A speed beyond ``free`` means that edges are noise, whatever the
-reference is. Silence while the wheels must turn is a dead encoder.
+wheels spin. A speed beyond ``free`` means that edges are noise, for any
+reference. Silence while the wheels must turn is a dead encoder.
 
 Missing edges are dangerous: a speed controller would open the throttle. So
 ENCODER_LOW remains until the car is disarmed and has been at rest for

@@ -16,7 +16,7 @@ both clock rates). Two kinds of observations:
 
 1. When the answer changes from BEFORE to AFTER or back, the age is at the edge of its region:
    at a wrap of the sawtooth, or at the time from look to read. At a wrap there are two updates
-   or none, so one answer tells which edge it is.
+   or none, so one answer shows which edge it is.
 2. Between, the age is inside its region.
 """
 

@@ -167,7 +167,7 @@ def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise)
 
 
 def _predict_rest(state: FilterState, motion: MotionStep, noise: OdometryNoise) -> FilterState:
-    """Keep the pose; the gyro measures its bias once the body has settled on its springs."""
+    """Keep the pose; the gyro measures its bias once the springs of the body are at rest."""
     mean = state.mean.copy()
     cov = state.cov.copy()
     mean[SPEED] = mean[RATE] = 0.0
@@ -317,7 +317,7 @@ def _innovation(expected: FloatArray, pose: FloatArray) -> FloatArray:
 
 def _kalman_update(state: FilterState, row: FloatArray, innovation: FloatArray, noise: FloatArray
                    ) -> tuple[FloatArray, FloatArray]:
-    """Joseph's form P <- (I - K H) P (I - K H)^T + K R K^T: positive whatever the rounding of K."""
+    """Joseph's form P <- (I - K H) P (I - K H)^T + K R K^T: positive for any rounding of K."""
     cross = state.cov @ row.T
     gain = np.linalg.solve(row @ cross + noise, cross.T).T
     keep = EYE - gain @ row

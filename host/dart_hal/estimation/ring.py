@@ -75,7 +75,7 @@ class Aligner:
         """Add the newest edge, its time and the interval that it ended; return the shift or None.
 
         The mean speed is taken over at least a frame and at most one revolution. A complete
-        revolution gives the exact mean speed whatever the shift.
+        revolution gives the exact mean speed for any shift.
         """
         ring = self._ring
         recent = self._recent

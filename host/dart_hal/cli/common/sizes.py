@@ -159,6 +159,7 @@ def _record_source(model: ModelFile, source: str, recordings: Sequence[Recording
 
 def _describe_other_scales(vehicle: Vehicle, recordings: Sequence[Recording]) -> str:
     """Return a caution if recordings count as those of a car of another size, else ""."""
+    # A recording without car.toml counts as one of a 1:10 car.
     scale = find_scale(vehicle.body)
     others = [r.name for r in recordings if r.scale != scale]
     if not others:

@@ -1,6 +1,6 @@
 """Map for matching: its lines, and a raster of the distance to the nearest line.
 
-The raster has nodes 2.5 cm apart and is interpolated bilinearly. It holds the unsigned distance,
+The raster has a node every 2.5 cm and is interpolated bilinearly. It holds the unsigned distance,
 because a thin wall is equal on both sides. On a straight wall it is exact, except within half a
 cell of it, where the fold of the distance is flattened.
 """

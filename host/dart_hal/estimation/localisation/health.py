@@ -91,7 +91,7 @@ class Agreement(NamedTuple):
 
     @property
     def score(self) -> float:
-        """How well the pose explains the scan, whatever boxes were removed or added."""
+        """How well the pose explains the scan, regardless of boxes removed or added."""
         return self.share + self.removed_boxes - self.through_walls
 
     @property

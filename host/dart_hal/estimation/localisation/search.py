@@ -1,8 +1,8 @@
 """Global localisation: the position of a scan in a map, from all places and headings.
 
-1. The end points of every ninth beam are scored from places 10 cm apart under headings 4 deg
-   apart. All places of a heading are scored at once: the end of a beam moves by whole cells of
-   the raster with the place.
+1. The end points of every ninth beam are scored from a place every 10 cm under a heading
+   every 4 deg. All places of a heading are scored at once: the end of a beam moves by whole
+   cells of the raster with the place.
 2. The best places are refined by the matcher.
 3. Ray casting evaluates them: what a beam meets first, not only whether its end is on some wall.
 4. If another place is nearly as good, the result is ambiguous.

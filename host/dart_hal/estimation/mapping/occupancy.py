@@ -66,7 +66,7 @@ def log_odds(hits: FloatArray, misses: FloatArray) -> FloatArray:
 
 
 def list_passed(origin: FloatArray, end: FloatArray, cell: float) -> FloatArray:
-    """Return places (k, 2) [m], a cell apart, that beams from origin to end (n, 2) [m] passed."""
+    """Return places (k, 2) [m], one per cell, that beams from origin to end (n, 2) [m] passed."""
     length = np.hypot(*(end - origin).T)
     steps = np.maximum((length - BEAM_END) / cell, 0.0).astype(int)
     beam = np.repeat(np.arange(len(steps)), steps)
