@@ -11,13 +11,14 @@ import click
 
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.common.options import cars_option, json_option, url_option
-from dart_hal.cli.common.output import console, print_json, results, show_notices
+from dart_hal.cli.common.output import console, print_json, print_line, results, show_notices
 from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.devices.links.pty import Pty
 from dart_lab.sim.failures import parse_failure as parse_failure
+from dart_lab.sim.marking import format_marks, mark_car
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url
 
@@ -34,6 +35,10 @@ POLL_PERIOD_S = 0.5
               help="a failure on a timetable, target:kind[=value]@start[+duration], as in "
                    "imu:stuck@3s+1s or enc:wrong=0.5@2s; again for more; a wrong one lists all")
 @click.option("--reveal", "show", is_flag=True, help="print the true parameters of this car")
+@click.option("--against", type=click.Path(path_type=Path, exists=True, file_okay=False),
+              default=None, metavar="CARS",
+              help="with --reveal: mark what was measured, in a folder of cars: true value, "
+                   "measured value, 90 % interval, inside or outside")
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
@@ -42,8 +47,8 @@ POLL_PERIOD_S = 0.5
 @cars_option
 @json_option
 def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple[str, ...],
-            show: bool, pty: bool, bus: Path | None, link: Path | None, cars: Path | None,
-            as_json: bool) -> None:
+            show: bool, against: Path | None, pty: bool, bus: Path | None, link: Path | None,
+            cars: Path | None, as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving writes the car's file into the folder of the cars, so that other
@@ -63,7 +68,12 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
     if show == pty or ((bus or link) and not pty):
         raise UsageError("no task for the simulated car",
                          expected="--reveal, or --pty [--bus PATH] [--link PATH]")
-    if show:
+    if against is not None and not show:
+        raise UsageError("--against marks by the truth", found="--against without --reveal",
+                         expected="--reveal --against CARS")
+    if against is not None:
+        _mark(parsed, against, as_json)
+    elif show:
         _reveal(parsed, as_json)
     else:
         _serve(parsed, bus, link, cars, as_json)
@@ -108,6 +118,16 @@ def _reveal(url: Url, as_json: bool) -> None:
     # Eight points of the steering map; --json has all of them.
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
+
+
+def _mark(url: Url, cars: Path, as_json: bool) -> None:
+    """Print the marking sheet of a simulated car."""
+    sheet = mark_car(url, [cars])
+    if as_json:
+        print_json(sheet.to_json())
+        return
+    for line in format_marks(sheet):
+        print_line(line)
 
 
 def _write_car_file(backend: Backend, cars: Path | None) -> str:

@@ -102,7 +102,7 @@ def _describe_car(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str
     commands = [-1.0 + 2.0 * k / (STEERING_POINTS - 1) for k in range(STEERING_POINTS)]
     return {"seed": car.seed, "vehicle": _describe_vehicle(car),
             "steering": {"command": commands, "angle_rad": [curve(s) for s in commands]},
-            "sensors": _describe_sensors(car), "effects": [_describe_effect(a) for a in effects]}
+            "sensors": sensor_truth(car), "effects": [_describe_effect(a) for a in effects]}
 
 
 def _describe_effect(a: ActiveEffect) -> dict[str, Any]:
@@ -137,7 +137,8 @@ def _describe_vehicle(car: HiddenCar) -> dict[str, Any]:
     return table
 
 
-def _describe_sensors(car: HiddenCar) -> dict[str, Any]:
+def sensor_truth(car: HiddenCar) -> dict[str, Any]:
+    """Return the true values of sensors and actuators, by their names in calibration.toml."""
     onset = -car.vehicle.duty_motor.g * car.esc.saturation_us
     return {
         "pwm.oscillator_hz": car.oscillator_hz,
