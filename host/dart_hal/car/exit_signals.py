@@ -7,6 +7,9 @@ import sys
 import threading
 from types import FrameType
 
+# Windows has no SIGHUP.
+STOPPING_SIGNALS = ("SIGTERM", "SIGHUP")
+
 
 def stop_on_signals() -> None:
     """Turn SIGTERM and SIGHUP (a closed terminal) into SystemExit.
@@ -15,8 +18,9 @@ def stop_on_signals() -> None:
     """
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:
+    for number in signal.Signals:
+        if (number.name in STOPPING_SIGNALS
+                and signal.getsignal(number) is signal.SIG_DFL):
             signal.signal(number, _exit)
 
 

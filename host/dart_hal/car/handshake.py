@@ -8,16 +8,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from dart_hal.car.identity import Hello
 from dart_hal.core.errors import NoHello
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
-from dart_hal.devices.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA
+
+if TYPE_CHECKING:
+    from dart_hal.devices.links.serial_port import SerialLink
 
 # s without a request after a reset: bootloader 1.33 s, then the first HELLO.
 BOOT_SILENCE = 1.6
@@ -126,6 +128,8 @@ def identify_port(device: str) -> Hello:
 
     Raises PortMissing, PortBusy, PortDenied, LinkLost, NoHello.
     """
+    from dart_hal.devices.links.serial_port import RealClock, SerialLink
+
     link = SerialLink(device)
     try:
         backend = Backend(Url.parse(f"serial://{device}"), link, RealClock(), None, False)

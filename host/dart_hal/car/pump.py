@@ -10,7 +10,6 @@ from dart_hal.car.engine import Engine
 from dart_hal.car.reconnect import BoardSearch, FoundBoard
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.types import State
-from dart_hal.devices.links.serial_port import SerialLink
 
 # s: longest wait of the thread's read, so that commands expire in time.
 MAX_READ_TIME = 0.02
@@ -101,6 +100,8 @@ class ThreadPump:
 
     def _search(self) -> BoardSearch | None:
         """Release the port, so that its name is free, and start a search for the board."""
+        from dart_hal.devices.links.serial_port import SerialLink
+
         engine = self._engine
         hello = engine.receiver.hello
         link = engine.backend.link

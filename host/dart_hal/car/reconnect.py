@@ -8,12 +8,14 @@ board is closed, and ignored as long as it stays plugged in.
 from __future__ import annotations
 
 from math import inf
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from dart_hal.car.handshake import BOOT_SILENCE, REQUEST_INTERVAL, REQUEST_TIME, HelloPort
 from dart_hal.core.errors import DartHalError
 from dart_hal.devices.links.base import Backend
-from dart_hal.devices.links.serial_port import SerialLink
+
+if TYPE_CHECKING:
+    from dart_hal.devices.links.serial_port import SerialLink
 
 # s between two scans of the ports; with the bootloader the board is found within 2 s.
 SCAN_INTERVAL = 0.25
@@ -67,6 +69,8 @@ class BoardSearch:
 
     def _open(self, devices: list[str], now: float) -> None:
         """Open the ports that are new, or due to be tried again."""
+        from dart_hal.devices.links.serial_port import SerialLink
+
         self._not_before = {d: t for d, t in self._not_before.items() if d in devices}
         for device in devices:
             if device in self._candidates or now < self._not_before.get(device, -inf):

@@ -56,10 +56,10 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
                           remedy="sudo apt-get install avrdude, name it with --avrdude, or "
                                  "dart-hal flash --browser")
     device = port or _find_port()
-    if not Path(device).exists():
-        raise PortMissing(f"there is no port {device}", found=_describe_ports())
     if not is_port(device):
-        raise PortMissing(f"{device} is no serial port", found=_describe_ports())
+        trouble = f"{device} is no serial port" if Path(device).exists() else \
+            f"there is no port {device}"
+        raise PortMissing(trouble, found=_describe_ports())
     # A second program on the port would mix its bytes with those of the bootloader.
     for pid, name in holders(device):
         raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",

@@ -16,7 +16,7 @@ from dart_hal import __version__
 from dart_hal.cli.common.output import console, print_json, show_notices
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
 from dart_hal.core.plugins import list_plugins, load_entry
-from dart_hal.core.process.extras import install_command
+from dart_hal.core.process.extras import missing_module_error
 
 VERBS = {
     "find": "list serial ports and I2C buses, and identify the port of the car",
@@ -204,9 +204,7 @@ def _missing_package_error(error: ModuleNotFoundError) -> DartHalError:
     package = (error.name or "").partition(".")[0]
     if package in ("", "dart_hal"):
         return _internal_error(error)
-    return UsageError(f"this needs the Python package {package}",
-                      found=f"{package} is not installed for {sys.executable}",
-                      remedy=install_command(package))
+    return missing_module_error(package, "this")
 
 
 def _file_error(error: OSError) -> FileTrouble:

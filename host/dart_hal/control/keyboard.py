@@ -13,14 +13,17 @@ from __future__ import annotations
 
 import os
 import sys
-import termios
-import tty
 from collections.abc import Callable
+from contextlib import suppress
 
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_REPORT_AGE_S, InputAge
 from dart_hal.core.errors import PortMissing, UsageError
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable
+
+with suppress(ImportError):  # absent on Windows
+    import termios
+    import tty
 
 KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
         b"w": "up", b"s": "down", b"d": "right", b"a": "left", b" ": "stop", b"q": "quit",
@@ -42,13 +45,16 @@ RELEASE = "release the keys and press again"
 class Terminal:
     """The keys of this terminal, read without waiting; restores it on close().
 
-    Raises UsageError where standard input is none.
+    Raises UsageError where standard input is none, or on Windows.
     """
 
     def __init__(self) -> None:
         if not sys.stdin.isatty():
             raise UsageError("the keyboard needs a terminal", found="standard input is not one",
                              remedy="dart-hal drive SCRIPT.py")
+        if "termios" not in globals():
+            raise UsageError("the keyboard needs a terminal of Linux or macOS", found=sys.platform,
+                             remedy="dart-hal drive SCRIPT.py, or drive on the live page")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import DartHalError, PluginFailed, UsageError
-from dart_hal.core.process.extras import install_command
+from dart_hal.core.process.extras import missing_module_error
 
 if TYPE_CHECKING:  # takes a tenth of the import of a car
     from importlib.metadata import EntryPoint
@@ -47,9 +47,7 @@ def load_entry(entry: EntryPoint) -> Any:
             return entry.load()
     except ImportError as why:
         package = (why.name or entry.name).partition(".")[0]
-        raise UsageError(f"{entry.name} needs the Python package {package}",
-                         found=f"{package} is not installed",
-                         remedy=install_command(package)) from why
+        raise missing_module_error(package, entry.name) from why
 
 
 @contextmanager

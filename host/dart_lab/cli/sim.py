@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 import click
@@ -16,11 +17,13 @@ from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
-from dart_hal.devices.links.pty import Pty
 from dart_lab.sim.failures import parse_failure as parse_failure
 from dart_lab.sim.marking import format_marks, mark_car
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url
+
+if TYPE_CHECKING:
+    from dart_hal.devices.links.pty import Pty
 
 # Period of the check that the pacing thread is alive.
 POLL_PERIOD_S = 0.5
@@ -162,6 +165,8 @@ def _install_signals(port: Pty, link: Path | None) -> str:
 def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
            as_json: bool) -> None:
     """Serve the simulated car in real time until Ctrl-C or SIGTERM."""
+    from dart_hal.devices.links.pty import Pty  # a pty is absent on Windows
+
     backend = open_backend(url.text)
     show_notices(backend.notices)
     name = _write_car_file(backend, cars)

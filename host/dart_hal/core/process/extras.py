@@ -10,6 +10,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from dart_hal.core.errors import UsageError
+
 DISTRIBUTION = "dart-hal"
 # Packages by the name under which they are imported, where the two differ.
 PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "serial": "pyserial",
@@ -31,6 +33,20 @@ def install_command(*names: str) -> str:
         if uv:
             return shlex.join([uv, "pip", "install", "--python", sys.executable, *packages])
     return shlex.join([sys.executable, "-m", "pip", "install", *packages])
+
+
+def missing_module_error(name: str, what: str) -> UsageError:
+    """Return the error of ``what``, which needs a Python module that cannot be imported.
+
+    A module of Python itself, such as termios, belongs to the system and cannot be installed.
+    """
+    if name in sys.stdlib_module_names:
+        return UsageError(f"{what} needs Python's module {name}, which this system lacks",
+                          found=sys.platform, expected="Linux or macOS",
+                          remedy="on Windows run it in WSL; sim:// works here")
+    return UsageError(f"{what} needs the Python package {name}",
+                      found=f"{name} is not installed for {sys.executable}",
+                      remedy=install_command(name))
 
 
 def packages_of(name: str) -> list[str]:

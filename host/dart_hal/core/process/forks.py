@@ -65,4 +65,5 @@ def _detach() -> None:
             method()
 
 
-os.register_at_fork(after_in_child=_detach)
+if hasattr(os, "register_at_fork"):  # Windows has no fork
+    os.register_at_fork(after_in_child=_detach)

@@ -1,18 +1,20 @@
 """Lock whole files until the process ends, and find the process that locks a file.
 
-The kernel lists all locks in /proc/locks and releases those of a killed process at once, so there
-are no obsolete lock files.
+The system releases the locks of a killed process at once, so there are no obsolete lock files.
+Linux lists all locks in /proc/locks; elsewhere, the holder of a lock is not known.
 """
 
 from __future__ import annotations
 
-import fcntl
 import os
 from contextlib import suppress
 from pathlib import Path
 
 from dart_hal.core.process.forks import private
 
+# Flags that Windows lacks.
+_OPEN_FLAGS = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0)
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 LOCK_TABLE = Path("/proc/locks")
 # Characters of a program's command line in a message.
 MAX_COMMAND_LENGTH = 60
@@ -26,12 +28,17 @@ class FileLock:
     """
 
     def __init__(self, path: Path) -> None:
+        from portalocker import AlreadyLocked, LockException, LockFlags, lock
+
         self._file = open(_open_lockable(path), "rb", buffering=0)  # noqa: SIM115 - held until release()
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+            lock(self._file, LockFlags.EXCLUSIVE | LockFlags.NON_BLOCKING)
+        except AlreadyLocked as error:
             self._file.close()
-            raise
+            raise BlockingIOError(f"{path} is locked") from error
+        except LockException as error:
+            self._file.close()
+            raise OSError(f"{path} cannot be locked: {error}") from error
         private(self._file)
 
     def release(self) -> None:
@@ -46,22 +53,25 @@ def _open_lockable(path: Path) -> int:
     does not open another user's file with O_CREAT.
     """
     with suppress(FileExistsError):
-        made = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        os.fchmod(made, 0o644)  # independent of the umask
+        made = os.open(path, _OPEN_FLAGS | os.O_CREAT | os.O_EXCL, 0o644)
+        if hasattr(os, "fchmod"):
+            os.fchmod(made, 0o644)  # independent of the umask
         return made
-    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    return os.open(path, _OPEN_FLAGS | _NO_LINK)
 
 
 def holder(device: str | Path, locks: Path = LOCK_TABLE) -> int | None:
     """Return the id of the process that has locked the file or port ``device``, else None.
 
-    0: a process whose id the kernel does not show, such as one of another container.
+    0: a process whose id the kernel does not show, such as one of another container. None on
+    systems that do not list their locks.
     """
     try:
         node = os.stat(device)
+        table = locks.read_text(encoding="ascii")
     except OSError:
         return None
-    return parse_locks(locks.read_text(encoding="ascii"), node.st_dev, node.st_ino)
+    return parse_locks(table, node.st_dev, node.st_ino)
 
 
 def parse_locks(text: str, device: int, inode: int) -> int | None:

@@ -8,8 +8,6 @@ from dart_hal.core.added_sensors import list_schemes, open_added_sensor
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ScanSource
 from dart_hal.devices.lidar.packets import BAUD
-from dart_hal.devices.lidar.port import SerialLidar
-from dart_hal.devices.links.serial_port import find_port
 
 LIDAR_URLS = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
 LIDAR_SCHEMES = ("serial", "hwgrep")
@@ -44,6 +42,9 @@ def open_lidar(text: str) -> ScanSource:
     baud = options.get("baud", str(BAUD))
     if not (baud.isascii() and baud.isdigit() and int(baud)):
         raise UsageError(f"baud={baud!r} is not a line rate", found=text, expected=str(BAUD))
+    from dart_hal.devices.lidar.port import SerialLidar
+    from dart_hal.devices.links.serial_port import find_port
+
     pattern = target if parts.scheme == "hwgrep" else None
     device = target if pattern is None else find_port(pattern)
     return SerialLidar(device, int(baud), text, pattern)

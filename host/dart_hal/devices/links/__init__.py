@@ -4,7 +4,10 @@ Importing this package registers ``avr://`` with pyserial. The emulator itself i
 such a URL is opened.
 """
 
-import serial
+from contextlib import suppress
 
-if __name__ not in serial.protocol_handler_packages:
-    serial.protocol_handler_packages.append(__name__)
+with suppress(ImportError):  # pyserial needs fcntl or Windows
+    import serial
+
+    if __name__ not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(__name__)

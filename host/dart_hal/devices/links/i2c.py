@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import sys
 
 from dart_hal.core.errors import BusError, UsageError
 from dart_hal.core.ports import Bus
@@ -60,6 +61,9 @@ class SocketBus(TransferBus):
         self._socket: socket.socket | None = self._connect()
 
     def _connect(self) -> socket.socket:
+        if not hasattr(socket, "AF_UNIX"):
+            raise BusError(f"i2c=unix:{self._path} needs unix sockets", found=sys.platform,
+                           remedy="use Linux, macOS or WSL, or sim:// in the same program")
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.settimeout(TIMEOUT)
         try:

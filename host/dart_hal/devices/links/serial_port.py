@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import re
 import stat
-import termios
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -35,6 +33,14 @@ from dart_hal.devices.links.computers import resolve_bus
 from dart_hal.devices.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.devices.links.smbus import SmbusBus
 
+try:
+    import fcntl
+    import termios
+except ImportError:  # Windows, where pyserial reads and writes without descriptors
+    _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
+else:
+    _TERMINAL_ERRORS = (termios.error,)
+
 # Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR.
 RATES = (500_000, 115_200)
 
@@ -43,7 +49,9 @@ READ_SLICE = 4096
 WRITE_TIMEOUT = 0.02
 # Exceptions of a port that has vanished. TypeError and ValueError: its descriptor is None or -1
 # after close(). The termios functions raise their own error.
-PORT_LOST_ERRORS = (serial.SerialException, OSError, TypeError, ValueError, termios.error)
+PORT_LOST_ERRORS = (serial.SerialException, OSError, TypeError, ValueError, *_TERMINAL_ERRORS)
+# s between two looks at a port whose system has no descriptors to wait for.
+PORT_POLL_INTERVAL = 0.001
 
 
 class RealClock:
@@ -75,6 +83,7 @@ class SerialLink(Link):
         self._port = serial.Serial()
         self._port.port = device
         self._port.timeout = 0
+        self._port.write_timeout = WRITE_TIMEOUT
         self._port.exclusive = True
         with contextlib.suppress(OSError, serial.SerialException):
             self._port.dtr = dtr
@@ -89,7 +98,10 @@ class SerialLink(Link):
         private(self._port)
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
-        _configure_port(self._port.fd, simulated=os.path.realpath(device).startswith("/dev/pts/"))
+        self._has_descriptor = hasattr(self._port, "fd")
+        if self._has_descriptor:
+            _configure_port(self._port.fd,
+                            simulated=os.path.realpath(device).startswith("/dev/pts/"))
 
     @property
     def baud(self) -> int:
@@ -104,8 +116,11 @@ class SerialLink(Link):
             raise LinkLost(f"{self.device} vanished", found=str(error)) from error
 
     def read(self, timeout: float) -> Chunk | None:
-        # Not Serial.read: setting its time-out reconfigures the port each time.
+        # Not Serial.read with a time-out: setting it reconfigures the port each time.
         try:
+            if not self._has_descriptor:
+                data = self._poll_port(timeout)
+                return Chunk(data, elapsed()) if data else None
             if not wait_readable(self._descriptor(), timeout):
                 return None
             data = os.read(self._port.fd, READ_SLICE)
@@ -122,14 +137,26 @@ class SerialLink(Link):
         end = elapsed() + WRITE_TIMEOUT
         rest = memoryview(data)
         try:
+            if not self._has_descriptor:
+                self._port.write(data)
+                return
             while rest:
                 if not wait_writable(self._descriptor(), end - elapsed()):
                     self.dropped += 1
                     return
                 with contextlib.suppress(BlockingIOError):
                     rest = rest[os.write(self._port.fd, rest):]
+        except serial.SerialTimeoutException:
+            self.dropped += 1
         except PORT_LOST_ERRORS as error:
             raise LinkLost(f"{self.device} does not take bytes", found=str(error)) from error
+
+    def _poll_port(self, timeout: float) -> bytes:
+        """Return the bytes that pyserial has received, waiting at most ``timeout`` s for one."""
+        end = elapsed() + timeout
+        while not self._port.in_waiting and elapsed() < end:
+            time.sleep(PORT_POLL_INTERVAL)
+        return bytes(self._port.read(self._port.in_waiting))
 
     def _descriptor(self) -> int:
         """Return that of the open port. Raises a ``PORT_LOST_ERRORS`` for a closed one."""
@@ -165,6 +192,10 @@ def is_port(device: str) -> bool:
 
     Memory devices (/dev/null, /dev/zero: major number 1, Linux devices.txt) are not.
     """
+    if device in (port.device for port in list_ports.comports()):
+        return True  # also COM3, which is no file
+    if not os.path.exists(device):
+        return False
     found = os.stat(device)
     return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) != 1
 
@@ -183,7 +214,9 @@ def _open_error(device: str, error: serial.SerialException) -> Exception:
     code = error.errno
     if code in (errno.EACCES, errno.EPERM):
         return PortDenied(f"no permission to open {device}", found=str(error))
-    if code in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "lock" in str(error):
+    if code in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or any(
+            # pyserial has no error number for a port of Windows that another program has open.
+            words in str(error) for words in ("lock", "PermissionError(13")):
         others = [f"pid {pid} ({name})" for pid, name in holders(device) if pid != os.getpid()]
         return PortBusy(f"{device} is in use", found=", ".join(others) or str(error))
     here = ", ".join(p.device for p in list_ports.comports()) or "no serial ports at all"

@@ -6,8 +6,10 @@ of ``TransferBus``.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
+from dart_hal.core.errors import BusMissing
 from dart_hal.core.ports.bus import explain
 from dart_hal.devices.links.busio import TransferBus
 
@@ -19,9 +21,12 @@ class SmbusBus(TransferBus):
     """
 
     def __init__(self, number: int) -> None:
-        from smbus2 import SMBus
-
         self.where = f"/dev/i2c-{number}"
+        try:
+            from smbus2 import SMBus
+        except ModuleNotFoundError as error:  # it imports fcntl
+            raise BusMissing(f"there is no {self.where} on this system", found=sys.platform,
+                             remedy="drive from the car's Linux computer") from error
         try:
             self._smbus: Any = SMBus(number)
         except OSError as error:
