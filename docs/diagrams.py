@@ -19,7 +19,7 @@ import tomlkit
 
 matplotlib.use("svg")
 from matplotlib import pyplot as plt
-from matplotlib.patches import FancyBboxPatch
+from matplotlib.patches import FancyBboxPatch, Rectangle
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "pictures" / "diagrams"
@@ -66,7 +66,7 @@ class Diagram:
     def add_bar(self, x: float, y: float, width: float, label: str, colour: str = BLUE,
                 height: float = 2.0) -> None:
         """Add a bar of a time line, its label in its middle."""
-        self.axes.add_patch(plt.Rectangle((x, y), width, height, fc=colour, ec=INK, lw=0.6))
+        self.axes.add_patch(Rectangle((x, y), width, height, fc=colour, ec=INK, lw=0.6))
         self.add_text(x + width / 2.0, y + height / 2.0, label)
 
     def add_text(self, x: float, y: float, text: str, align: str = "center") -> None:
