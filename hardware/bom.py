@@ -1,6 +1,6 @@
 """Bill of materials: reads bom.csv and tools.csv, checks them, writes docs/reference/bom.md.
 
-    python hardware/bom.py            write the page; tables and legends of the guide
+    python hardware/bom.py            write the page; tables of the guide
     python hardware/bom.py --check    exit 1 if a committed page differs
 """
 
@@ -16,7 +16,6 @@ import printed
 import screws
 from bom_page import page
 from bom_table import BomError, Row, Tool, load, load_tools
-from legend_lines import with_legends
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "reference" / "bom.md"
@@ -51,8 +50,7 @@ def generated() -> dict[Path, str]:
     rows, tools = load(), load_tools()
     if wrong := unused(rows, tools, guide.steps()):
         raise BomError("\n".join(wrong))
-    pages = {p: with_legends(p.read_text(encoding="utf-8"))
-             for p in sorted(GUIDE.glob("[0-9]*.md"))}
+    pages = {p: p.read_text(encoding="utf-8") for p in (DECK, PRINT)}
     pages[DECK] = with_block("screws", pages[DECK], screws.table(screws.load()))
     pages[PRINT] = with_block("printed", pages[PRINT], printed.table())
     return {PAGE: page(rows, tools), **pages}

@@ -100,8 +100,9 @@ def _tier(tier: str, rows: list[Row]) -> str:
     for r in rows:
         kind = f" ({r.custom})" if r.ours else ""
         note = f"<br>{r.note}" if r.note else ""
-        search = "<br>".join(x for x in (r.search_for, f"or: {r.alternatives}") if x not in
-                             ("", "or: "))
+        search = "<br>".join(x for x in (r.part_number and f"{r.part_number} [assumed]",
+                                         r.search_for, r.alternatives and f"or: {r.alternatives}")
+                             if x)
         quantity = str(r.quantity) if r.unit == "piece" else f"{r.quantity} {r.unit}"
         lines.append(f"| `{r.id}` | **{r.part}**{kind}: {r.purpose}{note} | {quantity} "
                      f"| {_price(r)} | {_today(r)} | {search} | {', '.join(r.used_in)} |")
@@ -147,6 +148,7 @@ Parts, prices and tools of the car. `python hardware/bom.py` generates this page
 | *in `kit`* and the like | another row pays for the part |
 | *EUR 2026* | price of all units of a row and the day of the quote (`price_2026_eur` per unit, \
 and `priced_on`, in the file); empty: no quote yet |
+| *[assumed]* behind a part number | written from memory, not looked up: compare it with the offer |
 | step | of the [build guide](../build_guide/01_parts.md) |
 """
 

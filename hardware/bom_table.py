@@ -28,6 +28,7 @@ class BomError(ValueError):
 class Row:
     """One line of the bill; ``price`` in EUR per unit, ``joints`` solder joints in all.
 
+    ``part_number``: of its maker, "" where none was looked up.
     ``price_2026`` in EUR per unit and the day on which somebody asked, None and "" until then.
     ``spares``: units that twenty cars want beside their own. ``route``: see ROUTES, () = every one.
 
@@ -44,6 +45,7 @@ class Row:
     price_2026: Decimal | None
     priced_on: str
     purpose: str
+    part_number: str
     search_for: str
     alternatives: str
     custom: str
@@ -149,7 +151,7 @@ def row_of(cells: dict[str, str], line: int) -> Row:
                        "another row costs 0 here, and only that")
     return Row(_one_of("tier", cells["tier"], TIERS, where), cells["id"], cells["part"], quantity,
                cells["unit"], price, *_asked(cells, where), cells["purpose"],
-               cells["search_for"], cells["alternatives"],
+               cells["part_number"], cells["search_for"], cells["alternatives"],
                _one_of("custom", cells["custom"], CUSTOM, where),
                _one_of("skill", cells["skill"], SKILLS, where), joints,
                _yes("smallest", cells, where), _yes("full", cells, where),

@@ -54,7 +54,7 @@ def build(p: Parameters, out: Path) -> dict[str, object]:
 
 
 def paint(table: dict[str, object], out: Path) -> list[str]:
-    """Pictures, the slow half, of a car that can be built; returns what their numbers miss."""
+    """Pictures, the slow half, of a car that can be built; returns what their labels miss."""
     import pictures as painter
 
     missed = painter.paint(table, out / "stl", out / "pictures")

@@ -7,10 +7,13 @@ import math
 from battery import battery
 from bought import BLACK, BLUE, DARK, RED, SILVER, WHITE, Item
 from parameters import Parameters
-from shapes import Shape, Vector, box, cylinder, hull, prism
+from shapes import Shape, Vector, box, cylinder, hull, prism, rim
 from steering import linkage, servo
 
 PLASTIC = "#4a4d52"
+
+# mm; from the photo of the main gear, 50 teeth on 31.2 mm.
+GEAR_MODULE = 0.6
 
 
 def axle_z(p: Parameters) -> float:
@@ -155,10 +158,11 @@ def magnets(p: Parameters) -> Item:
 def main_gear(p: Parameters) -> Item:
     """Rim, web and hub; its mass is part of the chassis."""
     c, g, z = p.car, p.gear, axle_z(p)
-    x, rim, web = c.gear_x, c.gear_width / 2, c.gear_web / 2
-    shapes = (cylinder((x - rim, 0, z), (x + rim, 0, z), g.outer / 2, WHITE, g.recess / 2, 50),
+    x, half, web = c.gear_x, c.gear_width / 2, c.gear_web / 2
+    teeth = round(g.outer / GEAR_MODULE) - 2
+    shapes = (rim((x - half, 0, z), (x + half, 0, z), g.outer / 2, g.recess / 2, teeth, DARK),
               cylinder((x - web, 0, z), (x + web, 0, z), g.recess / 2, BLACK, 4.0),
-              cylinder((x - rim, 0, z), (x + rim, 0, z), g.hub / 2 - 0.05, WHITE, 2.2))
+              cylinder((x - half, 0, z), (x + half, 0, z), g.hub / 2 - 0.05, DARK, 2.2))
     return Item("gear", "kit", 0.0, "S02", shapes)
 
 

@@ -1,6 +1,6 @@
 """Exploded view of the screws of a step: parts apart, each screw pulled out of its hole.
 
-The numbers are those of the rows of screws.csv, so the legend needs no renderer.
+The words come from the rows of screws.csv, so the legend needs no renderer.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def words(row: screws.Screw) -> str:
 
 
 def legend(insert: Insert) -> Legend:
-    """A number at the foremost screw of each row."""
+    """The words at the foremost screw of each row."""
     return tuple((words(row), f"first {n} {'head' if row.length else 'nut'}")
                  for n, row in rows_of(insert))
 
@@ -69,11 +69,6 @@ def foremost(insert: Insert, some: list[fasteners.Fastener]) -> int:
     """The fastener nearest to the camera: what stands before a row does not hide it."""
     return max(range(len(some)), key=lambda n: sum(
         a * b for a, b in zip(some[n].seat, insert.view, strict=True)))
-
-
-def line(insert: Insert) -> str:
-    """The legend as a sentence of the guide."""
-    return ", ".join(f"**{n}** {text}" for n, (text, _) in enumerate(legend(insert), 1)) + "."
 
 
 def moved(insert: Insert, f: fasteners.Fastener, kind: str) -> tuple[float, float, float]:

@@ -1,5 +1,4 @@
-"""What the numbers in the pictures of the steps mean. Data alone: the tests read it without a
-renderer, and the build guide repeats every line under its picture.
+"""Words in the pictures of the steps. Data alone: the tests read it without a renderer.
 
 A target is the beginning of a body's name (its middle is meant) or a point, mm in the deck frame.
 """
@@ -69,7 +68,7 @@ LEGENDS: dict[str, Legend] = {
             ("jumper wires below the Nano", (50, -65, -12)),
             ("lead of the servo, round the board's edge", (30, -44, -6.7))),
     "W06_front": (("wires of the infrared module, up before the board", (141.6, -12, -25)),
-                  ("the same, back to the Nano below the plate", (100, -44.5, -6)),
+                  ("the wires back to the Nano, below the plate", (100, -44.5, -6)),
                   ("6-wire cable", (20.5, 31, 13.7)), ("T plugs, above the plate", (80, 58, 20)),
                   ("lead of the LiPo", (118, 60, -25)),
                   ("three-wire lead of the speed controller", (43, 43, -9)),
@@ -87,8 +86,3 @@ LEGENDS: dict[str, Legend] = {
         ("`hall_holder`", "hall_holder"), ("`sensor_gate`", "sensor_gate"),
         ("`ir_module`", "ir_module"), ("`cutoff_holder`", "cutoff_holder")),
 }
-
-
-def line(step: str) -> str:
-    """The legend as a sentence of the guide."""
-    return ", ".join(f"**{n}** {text}" for n, (text, _) in enumerate(LEGENDS[step], 1)) + "."

@@ -86,7 +86,7 @@ def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]
 
 
 def exploded(every: list[Thing], path: Path) -> list[str]:
-    """Deck and encoder pulled apart, without the chassis; returns what its numbers miss."""
+    """Deck and encoder pulled apart, without the chassis; returns what its labels miss."""
     scene, drawn = stage((1900, 1900)), list[Shown]()
     for thing in every:
         if thing.name.startswith((*BELOW, "screw")):
@@ -129,7 +129,7 @@ def car(every: list[Thing], path: Path, direction: tuple[float, float, float]) -
 
 
 def paint(report: dict[str, Any], stl: Path, out: Path) -> list[str]:
-    """All pictures into the folder `out`; returns what their numbers miss, by picture."""
+    """All pictures into the folder `out`; returns what their labels miss, by picture."""
     for name, row in report["parts"].items():
         part_picture(name, row, stl, out / f"{name}.png")
     every = things(report, stl)

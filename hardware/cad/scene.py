@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 import trimesh
-from badges import numbered
+from labels import add_labels
 from legends import Legend
 from PIL import Image
 from pointing import Shown, middle
@@ -87,7 +87,7 @@ def seen_at(scene: pv.Plotter, point: Sequence[float]) -> tuple[float, float]:
 
 
 def save(scene: pv.Plotter, path: Path, legend: Legend = (), drawn: Sequence[Shown] = ()) -> None:
-    """Small PNG: white margins cut, the legend's numbers beside it, 256 colours."""
+    """Small PNG: white margins cut, the words of the legend beside it, 256 colours."""
     image = Image.fromarray(scene.screenshot(return_img=True))
     points = [seen_at(scene, middle(target, drawn)) for _, target in legend]
     scene.close()
@@ -98,7 +98,8 @@ def save(scene: pv.Plotter, path: Path, legend: Legend = (), drawn: Sequence[Sho
     image = image.crop((left, top, min(columns[-1] + margin, image.width),
                         min(rows[-1] + margin, image.height)))
     if points:
-        image = numbered(image, [(x - left, y - top) for x, y in points])
+        image = add_labels(image, [text for text, _ in legend],
+                           [(x - left, y - top) for x, y in points])
     buffer = io.BytesIO()
     image.quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
     path.write_bytes(buffer.getvalue())

@@ -1,4 +1,4 @@
-"""Boxes, cylinders, tubes and prisms that stand for bought parts; no CAD kernel needed.
+"""Boxes, cylinders, tubes, gears and prisms that stand for bought parts; no CAD kernel needed.
 
 A shape is a plain dictionary, so that `built.json` holds it and the tests build the same body.
 """
@@ -29,6 +29,13 @@ def cylinder(start: Vector, end: Vector, radius: float, colour: str = "", inner:
             "inner": inner, "sides": sides, "colour": colour}
 
 
+def rim(start: Vector, end: Vector, tip: float, inner: float, teeth: int,
+        colour: str = "") -> Shape:
+    """Rim of a spur gear: a tube whose outer radius changes between tip and root."""
+    return {"kind": "rim", "start": list(start), "end": list(end), "radius": tip, "inner": inner,
+            "teeth": teeth, "colour": colour}
+
+
 def prism(points: list[tuple[float, float]], z0: float, z1: float, colour: str = "") -> Shape:
     """Upright body over a convex polygon."""
     return {"kind": "prism", "points": [list(q) for q in points], "z": [z0, z1],
@@ -55,8 +62,29 @@ def hull(circles: list[tuple[float, float, float]]) -> list[tuple[float, float]]
 def lathe(profile: list[tuple[float, float]], sides: int) -> trimesh.Trimesh:
     """Body of revolution about z through a closed profile of (radius, z)."""
     angles = np.arange(sides) * 2 * math.pi / sides
-    ring = [[r * math.cos(a), r * math.sin(a), z] for a in angles for r, z in profile]
-    n, faces = len(profile), []
+    return _connect([[(r * math.cos(a), r * math.sin(a), z) for r, z in profile] for a in angles])
+
+
+def toothed(tip: float, inner: float, length: float, teeth: int) -> trimesh.Trimesh:
+    """Rim of a spur gear about z. Straight flanks, a tooth of 2.25 modules (ISO 53)."""
+    module = 2.0 * tip / (teeth + 2.0)
+    root = tip - 2.25 * module
+    pitch = 2.0 * math.pi / teeth
+    profiles = []
+    for tooth in range(teeth):
+        # Half the pitch at the pitch circle: narrower at the tip, wider at the root.
+        for share, outer in ((0.11, root), (0.36, tip), (0.64, tip), (0.89, root)):
+            angle = (tooth + share) * pitch
+            profiles.append([(r * math.cos(angle), r * math.sin(angle), z) for r, z in (
+                (inner, 0.0), (outer, 0.0), (outer, length), (inner, length))])
+    return _connect(profiles)
+
+
+def _connect(profiles: list[list[Vector]]) -> trimesh.Trimesh:
+    """Body around a closed row of profiles that have equally many points."""
+    ring = [list(point) for profile in profiles for point in profile]
+    sides = len(profiles)
+    n, faces = len(profiles[0]), []
     for i in range(sides):
         j = (i + 1) % sides
         for k in range(n):
@@ -78,6 +106,10 @@ def body(shape: Shape) -> trimesh.Trimesh:
         mesh = trimesh.creation.box(bounds=[shape["low"], shape["high"]])
     elif shape["kind"] == "prism":
         mesh = _prism(shape["points"], *shape["z"])
+    elif shape["kind"] == "rim":
+        mesh = toothed(shape["radius"], shape["inner"], math.dist(shape["start"], shape["end"]),
+                       shape["teeth"])
+        mesh.apply_transform(turned(shape["start"], shape["end"]))
     else:
         length = math.dist(shape["start"], shape["end"])
         inner, outer = shape["inner"], shape["radius"]

@@ -97,7 +97,7 @@ def is_of(name: str, wanted: str) -> bool:
 def insert_picture(every: list[Thing], report: dict[str, Any], insert: Insert,
                    path: Path) -> list[str]:
     """Parts of a step apart, each of its screws pulled out of its hole along a thin line; what its
-    numbers miss."""
+    labels miss."""
     scene, drawn = stage((1700, 1300)), list[Shown]()
     for thing in every:
         shift = next((v for n, v in insert.bodies.items() if is_of(thing.name, n)), None)
@@ -134,7 +134,7 @@ def arrow(low: float) -> list[trimesh.Trimesh]:
 
 
 def step_picture(every: list[Thing], step: Step, path: Path) -> list[str]:
-    """Paints one step; returns what its numbers miss."""
+    """Paints one step; returns what its labels miss."""
     scene, drawn = stage((1700, 1300)), list[Shown]()
     for thing in every:
         new, old = names(thing, step.new), names(thing, step.old)

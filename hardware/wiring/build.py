@@ -18,6 +18,7 @@ from drawing import diagram
 from electrical import check
 from harness import DIAGRAMS, HERE, WiringError, chains, load, table
 from net_table import net_table
+from overview import drawing as overview
 from pcb import files as printed
 from pcb import picture as pcb_picture
 from perfboard import drawing as board
@@ -47,7 +48,8 @@ def drawn(folder: Path = HERE) -> dict[str, str]:
     found |= {f"pcb/{name}": text for name, text in printed(folder).items()}
     found |= {f"routing_{name}.svg": routed(name, folder) for name in ROUTED}
     found |= {"mux_pcb.svg": pcb_picture(folder), "mux_board.svg": board(folder),
-              "mux_schematic.svg": schematic(folder), "power_tree.svg": power_tree(folder)}
+              "mux_schematic.svg": schematic(folder), "power_tree.svg": power_tree(folder),
+              "harness.svg": overview(folder)}
     return found | {f"{n}.svg": make(folder) for n, make in PINOUTS.items()}
 
 

@@ -7,10 +7,12 @@ import io
 import re
 import shutil
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import click
 import pytest
+from PIL import ImageFont
 
 from dart_hal.cli.common import checks
 from dart_hal.cli.main import cli
@@ -22,7 +24,9 @@ sys.path[:0] = [str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
 
 import bom_table  # noqa: E402 - found through the line above
 import guide  # noqa: E402
-import legend_lines  # noqa: E402
+import inserts  # noqa: E402
+import labels  # noqa: E402
+import legends  # noqa: E402
 
 DOCTOR = re.compile(r"^ *(ok|warn|fail)  (\S.{0,21}?)(?:  +(.*))?$", re.MULTILINE)
 """A line of the doctor's report: verdict, title, what it found."""
@@ -228,27 +232,43 @@ def test_a_missing_picture_is_detected(copy):
     assert find_missing_pictures(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
 
 
-PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::.*\n)*```\n\n?(.*)")
+PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::(?!width).*\n)*"
+                     r":width: (\d+)px")
+LABELLED = {*legends.LEGENDS, *(one.name for one in inserts.INSERTS)}
+LEGIBLE_WIDTH = 640
+"""Pixels: the letters of labels.py then have the height of the text."""
 
 
-LINES = legend_lines.lines()
+def find_illegible(text: str) -> list[str]:
+    """Pictures with words in them that are shown too small to read these."""
+    return [name for name, width in PICTURE.findall(text)
+            if name in LABELLED and int(width) < LEGIBLE_WIDTH]
 
 
-def find_unexplained(text: str) -> list[str]:
-    """Pictures with numbers whose legend is not below them."""
-    return [name for name, below in PICTURE.findall(text)
-            if name in LINES and below != LINES[name]]
+def test_the_words_in_every_picture_can_be_read():
+    shown = {n for t in guide.pages().values() for n, _ in PICTURE.findall(t)}
+    assert shown >= LABELLED
+    assert [x for t in guide.pages().values() for x in find_illegible(t)] == []
 
 
-def test_every_number_of_a_picture_is_explained_below_it():
-    shown = [n for t in guide.pages().values() for n, _ in PICTURE.findall(t)]
-    assert set(LINES) <= set(shown)
-    assert [x for t in guide.pages().values() for x in find_unexplained(t)] == []
+def test_a_small_picture_with_words_is_detected(copy):
+    folder = copy("04_sensors.md", ":width: 640px", ":width: 400px")
+    assert "S04" in find_illegible((folder / "04_sensors.md").read_text(encoding="utf-8"))
 
 
-def test_another_legend_is_detected(copy):
-    folder = copy("04_sensors.md", "**4** slit, ", "")
-    assert find_unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
+def test_labels_keep_their_order_and_do_not_overlap():
+    sizes = [30.0, 10.0, 20.0]
+    middles = labels.spread([50.0, 52.0, 53.0], sizes, 0.0, 100.0)
+    gaps = [b - a for a, b in pairwise(middles)]
+    assert gaps == pytest.approx([20.0, 15.0])
+    assert middles[0] >= 15.0
+    assert middles[-1] <= 90.0
+
+
+def test_a_label_is_wrapped_between_words():
+    font = ImageFont.load_default(size=10)
+    lines = labels.wrap("plug of the `6-wire` cable", font.getlength("plug of the 6"), font)
+    assert lines == ["plug of the", "6-wire cable"]
 
 
 def test_every_step_with_the_screwdriver_has_a_picture():

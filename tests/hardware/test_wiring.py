@@ -18,6 +18,7 @@ import bom_table  # noqa: E402 - found through the line above
 import build  # noqa: E402
 import drawing  # noqa: E402
 import harness  # noqa: E402
+import overview  # noqa: E402
 import pinout  # noqa: E402
 
 PINS_H = ROOT / "firmware" / "src" / "board" / "pins.h"
@@ -264,3 +265,18 @@ def test_the_table_of_the_hardware_page_names_the_same_pins():
     pins = re.findall(r"\b[DA]\d\b", " ".join(re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)))
     firmware = {p for name, p in firmware_pins().items() if name != "kLed"}
     assert sorted(pins) == sorted(firmware)
+
+
+def test_the_picture_of_the_harness_has_every_cable_and_connector():
+    svg = overview.drawing()
+    for _, cable, _, _ in harness.chains("minimal"):
+        data = harness.load("minimal")
+        assert str(data["cables"][cable]["type"]).split()[-1] in svg, cable
+        for end in overview.find_ends(data, cable):
+            assert end.split()[0].rstrip(",") in svg, cable
+
+
+def test_a_cable_without_connectors_is_refused(copy):
+    folder = copy("minimal.yml", "    W_MOTOR: [fixed, \"bullets [a]\"]\n", "")
+    with pytest.raises(harness.WiringError, match=r"metadata\.ends: W_MOTOR has None"):
+        overview.drawing(folder)
