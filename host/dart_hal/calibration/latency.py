@@ -136,7 +136,7 @@ def _quantities(grid: PwmGrid, wheel: WheelDelay, yaw: YawDelay, at_rest: Traffi
         "latency.pulse_to_wheel": (wheel.delay[0], math.hypot(wheel.delay[1], phase_std), steps),
         "latency.pulse_to_wheel_lag": (*wheel.lag, steps),
         "latency.pulse_to_yaw": (yaw.delay[0], math.hypot(yaw.delay[1], phase_std), turns),
-        "latency.sensor_to_host": (*_arrival_delay(at_rest), "arrivals by the clock fit"),
+        "latency.sensor_to_host": (*arrival_delay(at_rest), "arrivals by the clock fit"),
         "steering.slew_us_s": (*yaw.slew, turns),
     }
     if yaw.lag is not None:
@@ -163,7 +163,7 @@ def _notes(files: CarFiles, grid: PwmGrid, yaw: YawDelay) -> tuple[str, ...]:
     return (*notes, "drive_speed uses these values from the next start on")
 
 
-def _arrival_delay(traffic: Traffic) -> tuple[float, float]:
+def arrival_delay(traffic: Traffic) -> tuple[float, float]:
     """(median, one sigma) [s] from the latch of a State to its arrival."""
     delay = traffic.column("arrival") - traffic.column("t")
     spread = float(np.std(delay) / math.sqrt(len(delay)))
@@ -203,27 +203,39 @@ def _drive_throttle_steps(car: Car, log: TrafficLog, bias: float) -> tuple[Traff
     runner.hold(1.0, bend, CRUISE_SPEED)
     level = float(np.mean(log.take().written[:, 2]))
     span = files.config.throttle.span_us
-    starts = []
     up, down = (_round_to_count(files, level + span * part) for part in (STEP_UP, -STEP_DOWN))
+    starts = step_throttle(car, bend, up, down)
+    return log.take(), starts
+
+
+def step_throttle(car: Car, steering_us: float, up: float, down: float, lifted: bool = False
+                  ) -> FloatArray:
+    """Step between two throttle pulses [us]; return the start of each repetition [s].
+
+    lifted: the wheels are off the ground, where the IMU rightly disagrees with their speed.
+    Raises CalibrationFailed if the speed becomes doubtful.
+    """
+    starts = []
     states = iter(car.states())
-    t = _hold_pulses(car, states, bend, down, 2 * DOWN_DURATION)
+    t = _hold_pulses(car, states, steering_us, down, 2 * DOWN_DURATION, lifted)
     for k in range(THROTTLE_REPEATS + 1):
         starts.append(t)
-        t = _hold_pulses(car, states, bend, up, UP_DURATION + PHASE_SHIFTS[k % 4])
-        t = _hold_pulses(car, states, bend, down, DOWN_DURATION + PHASE_SHIFTS[(k + k // 4) % 4])
-    return log.take(), np.array(starts)
+        t = _hold_pulses(car, states, steering_us, up, UP_DURATION + PHASE_SHIFTS[k % 4], lifted)
+        t = _hold_pulses(car, states, steering_us, down,
+                         DOWN_DURATION + PHASE_SHIFTS[(k + k // 4) % 4], lifted)
+    return np.array(starts)
 
 
 def _hold_pulses(car: Car, states: Iterator[State], steering_us: float, throttle_us: float,
-                 seconds: float) -> float:
+                 seconds: float, lifted: bool) -> float:
     """Hold both pulses for a time; return the time at the end [s].
 
-    Raises CalibrationFailed if the speed becomes doubtful.
+    Raises CalibrationFailed if the speed becomes doubtful and the car is not lifted.
     """
     start: float | None = None
     for state in states:
         start = state.t if start is None else start
-        if state.health.speed_doubted:
+        if state.health.speed_doubted and not lifted:
             raise encoder_doubt(state)
         car.pulses(steering_us=steering_us, throttle_us=throttle_us)
         if state.t - start >= seconds:

@@ -2,6 +2,7 @@
 
 # One line of help for each verb. The entry point dart_hal.verbs names this mapping.
 VERBS = {
+    "accept": "first check of a new car: guided measurements, each with the emulator's prediction",
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
     "evaluate": "open-loop prediction errors of a model on recordings, against constant velocity",
@@ -19,7 +20,7 @@ VERBS = {
 }
 # Group of each verb in dart-hal --help.
 VERB_GROUPS = {
-    "start": ("demo",),
+    "start": ("demo", "accept"),
     "measure": ("experiment",),
     "model": ("study", "identify", "evaluate", "diagnose"),
     "look": ("view", "report", "compare"),

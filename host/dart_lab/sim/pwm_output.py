@@ -44,6 +44,11 @@ class PwmOutput:
         self._rise: list[float | None] = [None] * 16
         self._done: list[list[Pulse]] = [[] for _ in range(16)]
 
+    @property
+    def period(self) -> float:
+        """Return the length of the current PWM frame [s]."""
+        return 4096 * self._count
+
     # -- changes, called through schedule() ------------------------------------
 
     def schedule(self, t: float, change: Callable[[], None], wakes: bool = False) -> None:

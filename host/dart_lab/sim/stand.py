@@ -13,7 +13,7 @@ SPEED_STEP = 1e-4
 
 
 class LiftedCar:
-    """A lifted car; ``speed`` [m/s] of the tread, forward positive.
+    """A lifted car; ``speed`` [m/s] of the tread and ``distance`` [m], forward positive.
 
     The motor accelerates the rotating parts (``HiddenCar.wheel_mass``) against the friction of the
     drive train: m dv/dt = k0 - k1 v + share friction(v). ``drive``: the force of the motor, shared
@@ -22,6 +22,7 @@ class LiftedCar:
 
     def __init__(self, car: HiddenCar, drive: MotorForce, tick: float, speed: float = 0.0) -> None:
         self.speed = speed
+        self.distance = 0.0
         self._drive = drive
         self._dt = tick / SUBSTEPS
         self._share = car.drivetrain
@@ -42,4 +43,6 @@ class LiftedCar:
             change = self._friction(v - SPEED_STEP, brake) - self._friction(v + SPEED_STEP, brake)
             stiffness = drive.k1 + self._share * change / (2.0 * SPEED_STEP)
             self.speed += self._dt * force / (self._mass + self._dt * stiffness)
-        return 0.5 * (before + self.speed)
+        mean = 0.5 * (before + self.speed)
+        self.distance += mean * self._dt * SUBSTEPS
+        return mean

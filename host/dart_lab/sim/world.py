@@ -78,7 +78,8 @@ class World:
     ``trail``: called every 5 ms with t [s] and x, y [m], yaw [rad] of the rear axle;
     ``wheel_direction``: last direction of the wheels, 1 forward, -1 backward, 0 before the first
     motion; ``blocked``: a wheel is blocked; ``lifted``: the car with its wheels off the ground, or
-    None; ``can_be_lifted`` False: ``lift`` has no effect. Effects are part of ``car``, see
+    None; ``can_be_lifted`` False: ``lift`` has no effect; ``hand_rate`` [rad/s]: a hand turns the
+    car on the spot, 0 for none. Effects are part of ``car``, see
     ``dart_lab.sim.true_car``.
     """
 
@@ -102,6 +103,7 @@ class World:
         self.lifted: LiftedCar | None = None
         self.can_be_lifted = self.esc_powered = True
         self.blocked = False
+        self.hand_rate = 0.0
         self.wheel_direction = 0
         nano.capture_behind_mux(isinstance(self._wiring, Multiplexer))
         self.distance = 0.0
@@ -211,7 +213,13 @@ class World:
         if effects is not None:
             throttle = effects.throttle(now, throttle)
         lifted = self.lifted
-        mean = _AT_REST if lifted is not None else self.motion.step(throttle, brake, angle)
+        if self.hand_rate:
+            mean = MeanMotion(0.0, 0.0, 0.0, self.hand_rate, 0.0)
+            self.motion.eta += self.hand_rate * self._dt
+        elif lifted is not None:
+            mean = _AT_REST
+        else:
+            mean = self.motion.step(throttle, brake, angle)
         speed, a_x, a_y, omega, omega_dot = mean
         self.distance += speed * self._dt
         rate = omega
