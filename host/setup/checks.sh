@@ -102,11 +102,18 @@ check_space() {
 # The bus of pins 3 and 5 of the header; host/dart_hal/devices/links/computers.py has the same table.
 header_bus() {
     case $(model) in
-        *"Orin Nano"*) echo 7 ;;
+        *"Orin Nano"* | *"Orin NX"* | *"AGX Orin"*) echo 7 ;;
+        *"Xavier NX"* | *"AGX Xavier"* | *Jetson-AGX*) echo 8 ;;
         *) echo 1 ;; # Jetson Nano, Raspberry Pi
     esac
 }
-known_board() { case $(model) in *"Orin Nano"* | *"Jetson Nano"* | *"Raspberry Pi"*) true ;; *) false ;; esac; }
+known_board() {
+    case $(model) in
+        *"Orin Nano"* | *"Orin NX"* | *"AGX Orin"* | *"Xavier NX"* | *"AGX Xavier"* | *Jetson-AGX*) true ;;
+        *"Jetson Nano"* | *"Raspberry Pi"*) true ;;
+        *) false ;;
+    esac
+}
 
 # At 0x40 of another bus of an Orin Nano sits its power monitor, bound by a driver.
 claimed() { [ -e "$root/sys/bus/i2c/devices/$i2c-0040/driver" ]; }

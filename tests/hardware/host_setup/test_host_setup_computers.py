@@ -103,11 +103,31 @@ def test_the_settings_of_a_wrong_bus_are_not_kept_in_silence(make_box) -> None:
 
 
 def test_a_board_that_is_not_known_is_not_guessed_in_silence(box: Box) -> None:
-    box.put("proc/device-tree/model", "NVIDIA Jetson Xavier NX Developer Kit\0")
+    box.put("proc/device-tree/model", "Khadas VIM4\0")
     output = box.run("--check").stdout
     assert "warn  i2c            /dev/i2c-1; which bus is at pins 3 and 5 of this board" in output
-    with pytest.raises(BusMissing, match="Xavier NX"):
+    with pytest.raises(BusMissing, match="Khadas VIM4"):
         find_bus(box.root)
+
+
+@pytest.mark.parametrize(("model", "bus"), [
+    ("NVIDIA Jetson Nano 2GB Developer Kit", 1),
+    ("NVIDIA Jetson Orin NX Engineering Reference Developer Kit", 7),
+    ("NVIDIA Jetson AGX Orin Developer Kit", 7),
+    ("NVIDIA Jetson Xavier NX Developer Kit", 8),
+    ("NVIDIA Jetson AGX Xavier Developer Kit", 8), ("Jetson-AGX", 8)])
+def test_further_modules_are_known_to_host_and_set_up_by_their_names(box: Box, model: str,
+                                                                     bus: int) -> None:
+    box.put("proc/device-tree/model", f"{model}\0")
+    here = computer(box.root)
+    assert here is not None
+    assert here.bus == bus
+    box.put(f"dev/i2c-{bus}", "")
+    output = box.run("--check").stdout
+    assert f"/dev/i2c-{bus}, pins 3 and 5 of the header" in output
+    for number in (0, 1, bus):
+        box.put(f"sys/class/i2c-dev/i2c-{number}/name", "an adapter\n")
+    assert find_bus(box.root) == bus
 
 
 def test_a_pc_without_a_bridge_or_with_two_names_what_is_there(tmp_path: Path) -> None:

@@ -34,6 +34,12 @@ class Computer:
 # Bus numbers: documents of NVIDIA and Raspberry Pi about the 40-pin headers.
 COMPUTERS = (
     Computer("Jetson Orin Nano", "Orin Nano", 7),
+    Computer("Jetson Orin NX", "Orin NX", 7),
+    Computer("Jetson AGX Orin", "AGX Orin", 7),
+    Computer("Jetson Xavier NX", "Xavier NX", 8),
+    Computer("Jetson AGX Xavier", "AGX Xavier", 8),
+    # The same kit with the device tree of JetPack 4.
+    Computer("Jetson AGX Xavier", "Jetson-AGX", 8),
     Computer("Jetson Nano", "Jetson Nano", 1),
     Computer("Raspberry Pi", "Raspberry Pi", 1),
 )
