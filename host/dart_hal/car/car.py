@@ -61,6 +61,9 @@ MAX_RAW_WAIT = 1.0
 # conditions that are met by waiting.
 MAX_ARM_WAIT = 4.5
 
+if TYPE_CHECKING:
+    from dart_hal.car.obstacle_guard import ObstacleGuard
+
 log = logging.getLogger("dart_hal")
 
 
@@ -68,6 +71,17 @@ def open_url(url: str | None) -> Backend:
     """Open the backend of a URL; None: $DART_HAL_URL, then sim://. Raises as ``Car.open``."""
     check_url(url)
     return open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
+
+
+def _make_guard(distance: float | None, backend: Backend, files: CarFiles
+                ) -> ObstacleGuard | None:
+    """Make the guard for obstacles if there is a distance. Raises UsageError."""
+    if distance is None:
+        return None
+    # Imported here: a car without a guard needs no code of it.
+    from dart_hal.car.obstacle_guard import make_obstacle_guard
+
+    return make_obstacle_guard(distance, backend, files)
 
 
 class Car:
@@ -118,7 +132,8 @@ class Car:
     def open(cls, url: str | None = None, *, car: str | None = None,
              cars: str | Path | None = None, record: Record | None = None,
              poses: str | PoseSource | None = None, lidar: str | ScanSource | None = None,
-             camera: str | ImageSource | None = None, raise_on_trip: bool = True) -> Car:
+             camera: str | ImageSource | None = None, raise_on_trip: bool = True,
+             guard_distance: float | None = None) -> Car:
         """Open a car. It is at neutral and disarmed afterwards.
 
         Args:
@@ -135,6 +150,9 @@ class Car:
                 None: $DART_HAL_CAMERA.
             raise_on_trip: True: a command to a car that a trip has disarmed raises Disarmed.
                 False: only ``Applied.limited`` reports it.
+            guard_distance: distance [m] before an obstacle at which the lidar stops the car,
+                whatever the program commands; ``Applied.limited`` then has OBSTACLE. None: no
+                guard.
 
         Returns:
             The open car. Close it, or use it in a ``with`` block.
@@ -153,13 +171,14 @@ class Car:
             'DISARMED'
         """
         return cls.over(open_url(url), car=car, cars=cars, record=record, poses=poses,
-                        lidar=lidar, camera=camera, raise_on_trip=raise_on_trip)
+                        lidar=lidar, camera=camera, raise_on_trip=raise_on_trip,
+                        guard_distance=guard_distance)
 
     @classmethod
     def over(cls, backend: Backend, *, car: str | None = None, cars: str | Path | None = None,
              record: Record | None = None, poses: str | PoseSource | None = None,
              lidar: str | ScanSource | None = None, camera: str | ImageSource | None = None,
-             raise_on_trip: bool = True) -> Car:
+             raise_on_trip: bool = True, guard_distance: float | None = None) -> Car:
         """Open a car over a backend that is open already; closes the backend on failure.
 
         Args: as ``open``, with ``backend`` in place of the URL. Raises: as ``open``.
@@ -177,12 +196,14 @@ class Car:
             attach_poses(backend, poses)
             attach_lidar(backend, lidar)
             attach_camera(backend, camera)
+            guard = _make_guard(guard_distance, backend, files)
             own_actuator(backend, files)
             if record and backend.bus is not None:
                 backend.bus = RecordedBus(backend.bus, backend.clock.now)
             if record and (kept := rename_existing(record)):
                 backend.notices += (f"{record} was there; it is kept as {kept}",)
             opened = cls(backend, files, record)
+            opened._engine.guard = guard
         except BaseException:
             backend.close()
             raise

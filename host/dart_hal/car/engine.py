@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.car.camera import CarCamera
 from dart_hal.car.driver import Driver
@@ -37,6 +37,9 @@ from dart_hal.core.types import Applied, State
 from dart_hal.devices.links.base import Backend
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
+
+if TYPE_CHECKING:
+    from dart_hal.car.obstacle_guard import ObstacleGuard
 
 # Line rate of a link that has none, such as a simulated one.
 DEFAULT_BAUD = 500_000
@@ -78,6 +81,7 @@ class Engine:
         self.camera = (None if backend.camera is None
                        else CarCamera(backend.camera, lambda: self.lock))
         self.localiser = localiser_of(backend, self.lidar)
+        self.guard: ObstacleGuard | None = None
         self.listeners: list[Callable[[State], None]] = []
 
     @property
@@ -143,6 +147,8 @@ class Engine:
                 self.localiser.add_states(states)
             if self.lidar is not None:
                 states = self.lidar.take(states, t, self.now)
+            if self.guard is not None and states:
+                self.driver.actuator.set_obstacle(self.guard.blocks(states[-1]))
             if self.camera is not None:
                 states = self.camera.take(states, t, self.now)
             if self.poses is not None:

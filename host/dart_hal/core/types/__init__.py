@@ -38,6 +38,7 @@ class Limit(TextEnum):
     VALIDITY: the command is valid for less than its ``valid_for``: 0.5 s, or 0.2 s if raw.
     PULSES_OFF: servo and ESC have no pulses, because no State shows whether the car moves, or
     because it accelerated at neutral (MOVES_AT_NEUTRAL).
+    OBSTACLE: an obstacle is nearer than ``guard_distance`` allows, or no scan shows a free path.
     A command that a source of higher priority overrides has the string ``"OVERRIDDEN(name)"``.
     """
 
@@ -53,6 +54,7 @@ class Limit(TextEnum):
     REVERSING = "REVERSING"
     VALIDITY = "VALIDITY"
     PULSES_OFF = "PULSES_OFF"
+    OBSTACLE = "OBSTACLE"
 
 
 class Doubt(TextEnum):

@@ -197,6 +197,10 @@ class Actuator:
     def throttle_cap(self, cap: float | None) -> None:
         self._planner.throttle_cap = cap
 
+    def set_obstacle(self, obstacle: bool) -> None:
+        """Withhold forward throttle from the next frame on, or pass it again."""
+        self._planner.obstacle = obstacle
+
     @property
     def violates_demand(self) -> bool:
         """Whether the last frame may move the car although the state no longer allows it."""

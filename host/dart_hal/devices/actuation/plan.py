@@ -76,7 +76,8 @@ class Planner:
     """Turns the requests of all sources into the pulses of the next frame.
 
     ``demand``: of the supervisor's state; ``angle`` [rad], ``throttle``: of the last frame, from
-    which the slew limits start; ``latched``: tripped, neutral until the state is no longer live.
+    which the slew limits start; ``latched``: tripped, neutral until the state is no longer live;
+    ``obstacle``: no forward throttle.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
@@ -85,6 +86,7 @@ class Planner:
         self.arbiter = Arbiter(car.priorities.sources)
         self.raw: RawPulses | None = None
         self.throttle_cap: float | None = None
+        self.obstacle = False
         self.latched = False
         self.angle = self.throttle = 0.0
         self.last = -math.inf
@@ -169,6 +171,10 @@ class Planner:
         turned = limit_slew(bounded, self.angle, limits.steering_slew, dt)
         driven = (limit_slew(throttle, self.throttle, limits.throttle_slew, dt) if winner and live
                   else self._ramp_throttle(dt))
+        if self.obstacle and max(target, driven) > 0.0:
+            # At once, without a slew limit.
+            driven = min(driven, 0.0)
+            why.append(Limit.OBSTACLE.value)
         if (throttle, bounded) != (target, angle):
             why.append(Limit.RANGE.value)
         if (turned, driven) != (bounded, throttle):
@@ -188,10 +194,11 @@ class Planner:
         return limit_slew(0.0, self.throttle, 1.0 / ramp if ramp > 0 else None, dt)
 
     def _throttle_range(self) -> tuple[float, float]:
-        """Return the limits of the throttle, with the cap of a lost encoder."""
+        """Return the limits of the throttle, with those of a lost encoder and of an obstacle."""
         limits = self._car.limits
         cap = 1.0 if self.throttle_cap is None else self.throttle_cap
-        return max(limits.min_throttle, -cap), min(limits.max_throttle, cap)
+        return (max(limits.min_throttle, -cap),
+                min(limits.max_throttle, cap, 0.0 if self.obstacle else 1.0))
 
     def _raw_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the ranges [us] of servo and ESC in RAW: the car's limits, as in ARMED."""
@@ -219,6 +226,10 @@ class Planner:
         span = self._car.throttle.span_us
         target = (bounded - self._neutral_us) / span
         throttle = limit_slew(target, self.throttle, self._car.limits.throttle_slew, dt)
+        if self.obstacle and not self.demand.full_range and (
+                self.raw.throttle_us > self._neutral_us or throttle > 0.0):
+            throttle = min(throttle, 0.0)
+            why.append(Limit.OBSTACLE.value)
         if throttle != target:
             why.append(Limit.SLEW.value)
             bounded = self._neutral_us + throttle * span

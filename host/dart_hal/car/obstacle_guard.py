@@ -1,0 +1,128 @@
+"""Stop before obstacles for every program: the lidar withholds forward throttle at the pins.
+
+At each State the nearest echo on the car's path is compared with
+
+    guard_distance + v^2 / (2 a) + v T
+
+with the speed v, the deceleration a of a car that rolls out at neutral, and the time T until the
+pins are at neutral. The path is the arc of the present steering angle, as wide as the car. Each
+echo comes nearer by the distance driven since it was measured. Without a fresh scan nothing shows
+that the path is free, and forward throttle is withheld, too.
+
+It does not brake, so that backward throttle stays possible, and it detects nothing that the lidar
+does not: glass, what is above or below its plane, and what is closer than its range.
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite, tan
+
+import numpy as np
+
+from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH
+from dart_hal.control.stopping import ROLL_DECELERATION
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.car import Geometry
+from dart_hal.core.errors import UsageError
+from dart_hal.core.timing import PWM_FRAME
+from dart_hal.core.types import FloatArray, Scan, State
+from dart_hal.devices.links.base import Backend
+
+# m: largest guard distance, the range of small lidars.
+MAX_GUARD_DISTANCE = 8.0
+# m to each side of the car: noise of the lidar, and a servo that lags behind its command.
+SIDE_MARGIN = 0.03
+# m more than the limit at which throttle is passed again, so that noise does not switch it.
+RELEASE_MARGIN = 0.1
+# s from a decision to neutral at the motor: the frame that is out, the next one, the ESC.
+REACTION_TIME = 3.0 * PWM_FRAME
+# s since the last beam after which a scan no longer counts: three revolutions at 8 per second.
+MAX_SCAN_AGE = 0.4
+# 1/m below which an arc is a straight line.
+MIN_CURVATURE = 1e-3
+
+
+class ObstacleGuard:
+    """Decides at each State whether forward throttle is withheld.
+
+    distance [m]: from the front of the car to the obstacle, at rest.
+    """
+
+    def __init__(self, distance: float, files: CarFiles) -> None:
+        geometry = files.config.geometry
+        self._distance = distance
+        self._wheelbase = geometry.wheelbase
+        self._half_width = half_width(geometry) + SIDE_MARGIN
+        self._front = front_overhang(geometry)
+        self._blocked = True
+
+    def blocks(self, state: State) -> bool:
+        """Return whether forward throttle is withheld at this State."""
+        scan = state.scan
+        if scan is None or len(scan) == 0 or state.t - float(scan.t[-1]) > MAX_SCAN_AGE:
+            self._blocked = True
+            return True
+        speed = max(state.speed, 0.0)
+        limit = (self._distance + 0.5 * speed * speed / ROLL_DECELERATION
+                 + speed * REACTION_TIME + (RELEASE_MARGIN if self._blocked else 0.0))
+        curvature = tan(state.applied.steering) / self._wheelbase
+        self._blocked = self._free_distance(scan, state.t, speed, curvature) < limit
+        return self._blocked
+
+    def _free_distance(self, scan: Scan, t: float, speed: float, curvature: float) -> float:
+        """Return the distance [m] from the front to the nearest echo on the path.
+
+        Echoes within the outline of the car are its own parts.
+        """
+        points = scan.in_car()
+        along, across = arc_coordinates(points, curvature)
+        ahead = along - self._front
+        on_path = (np.abs(across) < self._half_width) & (ahead > 0.0)
+        if not on_path.any():
+            return inf
+        moved = speed * (t - scan.t)
+        return float(np.min((ahead - moved)[on_path]))
+
+
+def arc_coordinates(points: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
+    """Return (distance along the arc, distance to its left) (n,) [m] of points (n, 2) [m].
+
+    curvature [1/m]: of the path of the rear axle, left positive. NaN stays NaN.
+    """
+    x, y = points.T
+    if abs(curvature) < MIN_CURVATURE:
+        return x, y
+    # A bend to the right is mirrored. The centre of the arc is then at (0, radius).
+    side = 1.0 if curvature > 0.0 else -1.0
+    radius = 1.0 / abs(curvature)
+    inward = side * y
+    return (radius * np.arctan2(x, radius - inward),
+            side * (radius - np.hypot(x, inward - radius)))
+
+
+def front_overhang(geometry: Geometry) -> float:
+    """Return the distance [m] from the rear axle to the front of the car."""
+    length = 2.0 * HALF_LENGTH if geometry.length is None else geometry.length
+    return 0.5 * (geometry.wheelbase + length)
+
+
+def half_width(geometry: Geometry) -> float:
+    """Return half of the car's width [m]."""
+    return HALF_WIDTH if geometry.width is None else 0.5 * geometry.width
+
+
+def make_obstacle_guard(distance: float, backend: Backend, files: CarFiles) -> ObstacleGuard:
+    """Make the guard of a car.
+
+    Raises UsageError for a distance that is none, and for a car without a lidar.
+    """
+    if (isinstance(distance, bool) or not isinstance(distance, (int, float))
+            or not isfinite(distance) or not 0.0 < distance <= MAX_GUARD_DISTANCE):
+        raise UsageError("guard_distance is no distance", found=repr(distance),
+                         expected=f"metres, above 0 and at most {MAX_GUARD_DISTANCE:g}",
+                         remedy="guard_distance=0.3, or leave it out")
+    if backend.lidar is None:
+        raise UsageError("guard_distance needs a lidar", found=f"{backend.url.text} has none",
+                         expected="a lidar that measures the obstacles",
+                         remedy="lidar=\"serial:///dev/dart-lidar\", or sim://?lidar=1&map=room")
+    return ObstacleGuard(float(distance), files)

@@ -1,0 +1,136 @@
+"""Stop before obstacles for every program: at the ESC's pin of a car that drives at a wall."""
+
+from __future__ import annotations
+
+from math import atan, inf, nan, pi
+
+import numpy as np
+import pytest
+
+from dart_hal.car import Car
+from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, front_overhang
+from dart_hal.core.errors import UsageError
+from dart_hal.devices.links.base import open_backend
+from dart_lab.sim.lidar.maps import RoomMap, polyline
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import THROTTLE_CHANNEL
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
+
+URL = "sim://?nano=mock&physics=kinematic&lidar=1&map=room"
+GUARD_DISTANCE = 0.4
+# m from the rear axle at the start to the wall ahead.
+WALL = 4.0
+THROTTLE = 0.25
+
+
+class Approach:
+    """A car that a program drives straight at a wall; ``front``: distance left at its end [m]."""
+
+    def __init__(self, guard_distance, seconds=8.0, throttle=THROTTLE, change=None):
+        backend = open_backend(URL)
+        self.world = world_of(backend)
+        # A wall ahead and one far behind, in place of the room.
+        backend.lidar.unit._room = RoomMap("wall", np.vstack((
+            polyline(np.array([(WALL, -3.0), (WALL, 3.0)])),
+            polyline(np.array([(-6.0, -3.0), (-6.0, 3.0)])))), np.zeros((0, 4)), (0.0, 0.0, 0.0))
+        if change is not None:
+            change(backend)
+        self.pulses = []
+        self.world.watchers.append(self._watch)
+        self.limited = set()
+        self.speeds = []
+        with Car.over(backend, guard_distance=guard_distance) as car:
+            for state in car.states(duration=1.0):
+                pass
+            car.arm()
+            for state in car.states(duration=seconds):
+                self.limited |= set(car.drive(steering=0.0, throttle=throttle).limited)
+                self.speeds.append(state.speed)
+            self.end = self.world.truth()
+            self.ended = self.world.t
+            self.front = WALL - self.end.x - front_overhang(car.files.config.geometry)
+
+    def _watch(self, channel, pulse):
+        if channel == THROTTLE_CHANNEL:
+            self.pulses.append((pulse[1], (pulse[1] - pulse[0]) * 1e6))
+
+    def forward(self, since=0.0):
+        """Pulses of the ESC's pin above neutral."""
+        return [us for t, us in self.pulses
+                if t >= since and us > NEUTRAL_US + NEUTRAL_TOLERANCE_US]
+
+
+def test_a_program_that_drives_at_a_wall_is_stopped_at_the_pin():
+    guarded = Approach(GUARD_DISTANCE)
+    assert max(guarded.speeds) > 1.0
+    assert GUARD_DISTANCE - 0.05 < guarded.front < GUARD_DISTANCE + 0.6
+    assert not guarded.forward(guarded.ended - 1.0)
+    assert "OBSTACLE" in guarded.limited
+    assert abs(guarded.end.v_x) < 0.05
+
+
+def test_control_without_a_guard_it_would_hit_the_wall():
+    free = Approach(None, seconds=5.0)
+    assert free.front < 0.0
+    assert free.forward(free.ended - 1.0)
+    assert "OBSTACLE" not in free.limited
+
+
+def test_a_lidar_that_falls_silent_stops_the_car():
+    silent_from = 4.0
+
+    def silence(backend):
+        poll = backend.lidar.poll
+        backend.lidar.poll = lambda now: poll(now) if now < silent_from else []
+
+    silent = Approach(GUARD_DISTANCE, seconds=3.0, throttle=0.15, change=silence)
+    assert silent.front > 1.0, "the wall alone would not have stopped it yet"
+    assert silent.forward()
+    assert not silent.forward(silent_from + MAX_SCAN_AGE + 0.25)
+
+
+def test_backward_throttle_is_passed():
+    backward = Approach(5.0, seconds=2.0, throttle=-0.2)
+    assert min(us for _, us in backward.pulses if us > 0.0) < NEUTRAL_US - 20.0
+    assert not backward.forward()
+
+
+def test_raw_pulses_are_withheld_too():
+    backend = open_backend(URL)
+    watched = []
+    world_of(backend).watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL
+                                      and watched.append((pulse[1] - pulse[0]) * 1e6))
+    with Car.over(backend, guard_distance=8.0) as car, car.raw():
+        for _ in car.states(duration=1.0):
+            limited = car.pulses(steering_us=1500.0, throttle_us=1560.0).limited
+    assert "OBSTACLE" in limited
+    assert max(watched) < NEUTRAL_US + NEUTRAL_TOLERANCE_US
+
+
+@pytest.mark.parametrize("distance", [0.0, -0.1, nan, inf, 9.0, "0.3", True])
+def test_what_is_no_distance_is_refused(distance):
+    with pytest.raises(UsageError, match="guard_distance is no distance"):
+        Car.open(URL, guard_distance=distance)
+
+
+def test_a_car_without_a_lidar_is_refused():
+    with pytest.raises(UsageError, match="needs a lidar"):
+        Car.open("sim://?nano=mock", guard_distance=0.3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_points_of_a_bend_are_on_its_arc(sign):
+    radius = 1.5
+    angle = np.array([0.2, 0.8, pi / 2])
+    points = np.column_stack((radius * np.sin(angle), sign * radius * (1.0 - np.cos(angle))))
+    along, across = arc_coordinates(points, sign / radius)
+    assert along == pytest.approx(radius * angle)
+    assert across == pytest.approx(0.0, abs=1e-9)
+    # A point to the left of the arc has a positive offset on either side.
+    beside = points + np.column_stack((-np.sin(sign * angle), np.cos(angle))) * 0.1
+    assert arc_coordinates(beside, sign / radius)[1] == pytest.approx(0.1)
+
+
+def test_a_straight_path_has_plain_coordinates():
+    along, across = arc_coordinates(np.array([[1.0, 0.2]]), atan(0.0))
+    assert (along[0], across[0]) == (1.0, 0.2)
