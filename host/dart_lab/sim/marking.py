@@ -36,7 +36,6 @@ from dart_lab.sim.backend import lidar_in_room, mocap_in_room
 from dart_lab.sim.car_file import car_toml
 from dart_lab.sim.drawn import ResolvedCar, resolve_car
 from dart_lab.sim.hidden import HiddenCar
-from dart_lab.sim.sealed import check_may_reveal
 from dart_lab.sim.true_car import TILT_EFFECTS
 from dart_lab.sim.truth import sensor_truth
 
@@ -85,15 +84,11 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class MarkingSheet:
-    """Marks of one car, and the measured quantities that effects of the car change.
-
-    effects: those of its model, None without a model.
-    """
+    """Marks of one car, and the measured quantities that effects of the car change."""
 
     car: str
     marks: tuple[Mark, ...]
     unmarked: tuple[str, ...]
-    effects: tuple[str, ...] | None = None
 
     @property
     def inside(self) -> int:
@@ -106,12 +101,8 @@ class MarkingSheet:
                 "marks": [{**asdict(mark), "inside": mark.inside} for mark in self.marks]}
 
 
-def mark_car(url: Url, cars: Folders, secret: bytes | None = None) -> MarkingSheet:
-    """Mark the files of a simulated car in a folder of cars. Raises UsageError, ConfigError.
-
-    secret: that of the class of a sealed car, which is refused without it.
-    """
-    check_may_reveal(url, secret)
+def mark_car(url: Url, cars: Folders) -> MarkingSheet:
+    """Mark the files of a simulated car in a folder of cars. Raises UsageError, ConfigError."""
     resolved = resolve_car(url)
     files = parse_car(car_toml(resolved.base, resolved.body), url.text, cars)
     calibration = files.calibration
@@ -130,8 +121,7 @@ def mark_car(url: Url, cars: Folders, secret: bytes | None = None) -> MarkingShe
                 marks.append(mark)
     if files.model is not None:
         marks += _mark_effects(resolved, files.model)
-    effects = tuple(e.name for e in files.model.effects) if files.model else None
-    return MarkingSheet(files.config.name, tuple(marks), tuple(unmarked), effects)
+    return MarkingSheet(files.config.name, tuple(marks), tuple(unmarked))
 
 
 def _changed_names(resolved: ResolvedCar) -> tuple[str, ...]:
