@@ -109,6 +109,17 @@ def test_effects_are_marked_by_name_and_size(tmp_path):
     assert "1 of 3 truths" in text
 
 
+def test_fitted_mountings_of_a_diagnosis_are_not_marked(tmp_path):
+    """A diagnosis writes the mounting of the IMU as effects, but lists its causes by name."""
+    model = msgspec.structs.replace(model_of(PAPER), provenance={"causes": ["quadratic_drag"]},
+                                    effects=(
+        EffectEntry("imu_yaw", {"k": Quantity(0.05, 0.001)}),
+        EffectEntry("quadratic_drag", {"k": Quantity(0.1, 0.02)})))
+    save_model(model, tmp_path / "sim-0" / "model.toml")
+    found = marks("sim://?nano=mock", tmp_path)
+    assert set(found) == {"effect.quadratic_drag.k"}
+
+
 def test_what_an_effect_changes_is_not_marked(tmp_path):
     saved = Calibration(car="sim-0", imu=ImuCalibration(gyro_bias=Quantity(0.0, 1e-4)),
                         steering=SteeringCalibration(backlash=Quantity(0.0, 1e-4)))

@@ -239,8 +239,13 @@ def _find_zero(force: Callable[[float], float]) -> float:
 
 
 def _mark_effects(resolved: ResolvedCar, model: ModelFile) -> Iterator[Mark]:
-    """Mark the effects of a model: those of the car, and those that the car does not have."""
+    """Mark the effects of a model: those of the car, and causes that the car does not have.
+
+    A diagnosis names its causes in the provenance. Its other effects, such as the mounting of an
+    IMU, are parameters of the fit without a true counterpart.
+    """
     found = {effect.name: effect.parameters for effect in model.effects}
+    causes = model.provenance.get("causes", list(found))
     # Effects of the car, found or not.
     for active in resolved.effects:
         entries = found.pop(active.name, {})
@@ -249,6 +254,8 @@ def _mark_effects(resolved: ResolvedCar, model: ModelFile) -> Iterator[Mark]:
             yield _mark_effect(active.name, parameter.name, parameter.unit, true, entry)
     # What remains is not an effect of the car.
     for name, entries in found.items():
+        if name not in causes:
+            continue
         known = catalogue().get(name)
         units = {p.name: p.unit for p in known.parameters} if known else {}
         for key, entry in entries.items():
