@@ -14,12 +14,11 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any
@@ -36,15 +35,13 @@ from dart_lab.diagnosis.gates import AcceptanceGate
 from studies.diagnosis.campaign import HOME, Answer, ask, done, run
 from studies.diagnosis.campaign_cases import GROUPS, Case
 from studies.diagnosis.campaign_score import score
-from studies.diagnosis.policy_sensitivity import drawn
+from studies.diagnosis.policy_sensitivity import CHANNELS, DATA, drawn, replaced
 
 ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "pair": 40,
         "far": 24, "near": 24, "wrong": 24}
 """Cases of each row."""
 SECONDS = (60.0, 40.0)
 RESULTS = HOME / "build" / "campaign" / "ablation.jsonl"
-DATA = Path(os.environ.get("DART_DATA", HOME.parent / "shared" / "data"))
-CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
 Function = Callable[..., Any]
 
 
@@ -66,10 +63,10 @@ def _constant(value: Any) -> Callable[[Function], Function]:
 def _plain_grades(original: Function) -> Function:
     from dart_lab.diagnosis.grade import bag
 
-    def grades(of: Any, names: Sequence[str], policy: Any, seed: int) -> dict[str, float]:
-        columns = bag._stack_columns(of, names, policy)
+    def grades(of: Any, names: Sequence[str], seed: int) -> dict[str, float]:
+        columns = bag._stack_columns(of, names)
         return {n: bag.probability(bag._select_columns(of, columns, n, ()), bag.ABSENT_STEP,
-                                   policy.draws, seed) for n in names}
+                                   bag.BOOTSTRAP_DRAWS, seed) for n in names}
 
     return grades
 
@@ -78,16 +75,14 @@ def _not_sharpened(original: Function) -> Function:
     from dart_lab.diagnosis.search.selection import fit_best_trials
 
     def keep(self: Any, point: Any, noise: Any, trials: Any) -> Any:
-        naming = self._settings.policy.naming
         return point, noise, trials, fit_best_trials(point, trials, partial(
-            self.add_effect, self._evidence, noise), naming)
+            self.add_effect, self._evidence, noise))
 
     return keep
 
 
 def _one_explanation(original: Function) -> Function:
-    return lambda point, trials, fit, policy: original(point, trials, fit,
-                                                       replace(policy, explanations=1))
+    return lambda point, trials, fit: original(point, trials[:1], fit)
 
 
 RULES: dict[str, Rule] = {
@@ -142,17 +137,6 @@ def _place(where: str) -> tuple[Any, str]:
     for part in inner:
         owner = getattr(owner, part)
     return owner, name
-
-
-@contextmanager
-def replaced(owner: Any, attribute: str, other: Any) -> Iterator[None]:
-    """Put something else in the place of an attribute for a while."""
-    original = getattr(owner, attribute)
-    setattr(owner, attribute, other)
-    try:
-        yield
-    finally:
-        setattr(owner, attribute, original)
 
 
 @contextmanager

@@ -9,15 +9,23 @@
    ``--repeats`` cases of each; elsewhere every step is the same.
 3. A threshold may reach code that the notes do not follow: in the first ``--checked`` cases the
    diagnosis is repeated whether or not anything was noted.
+
+Thresholds that act after the search are repeated in every case that notes them: the search is made
+once, and the conclusion again for each change.
+
+    python -m studies.diagnosis.policy_sensitivity --real    these on the real car, split by day
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import operator
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from datetime import date
 from functools import partial
@@ -28,8 +36,13 @@ import numpy as np
 from rich.progress import track
 
 from dart_hal.core.process.jobs import each
+from dart_hal.recording.dart import Recording
+from dart_hal.vehicle.load import find_model
+from dart_lab.diagnosis import run as diagnosis_run
 from dart_lab.diagnosis.policy import USUAL, Policy
-from studies.diagnosis.campaign import HOME, Answer, ask, done, run
+from dart_lab.diagnosis.question import DiagnosisSetup
+from dart_lab.diagnosis.result import Diagnosis
+from studies.diagnosis.campaign import HOME, KEEP, Answer, ask, done, run
 from studies.diagnosis.campaign_cases import GROUPS, Case, cases, thinned
 from studies.diagnosis.campaign_score import score
 
@@ -41,7 +54,11 @@ FACTORS = (0.5, 2.0)
 FALSE_ALARM = 0.01  # the default of ``diagnose``
 APART = ("suggest", "inputs")
 """Groups that decide nothing of a diagnosis: of the next drive, and of files that are refused."""
+CONCLUDING = ("grade", "two_cars", "claims", "unexplained", "conclusion")
+"""Groups that act after the search, where recordings have motion capture."""
 RESULTS = HOME / "build" / "campaign" / "policy_sensitivity.jsonl"
+DATA = Path(os.environ.get("DART_DATA", HOME.parent / "shared" / "data"))
+CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
 TABLE = HOME / "docs" / "results" / "policy_sensitivity.md"
 COMPARISONS = ("lt", "le", "gt", "ge")
 ARITHMETIC = ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "pow", "neg")
@@ -106,9 +123,9 @@ for _name in (*COMPARISONS, *ARITHMETIC):
 
 def list_thresholds() -> list[str]:
     """Names of the numbers of the policy that decide something in a diagnosis."""
-    found = [f"{group.name}.{one.name}" for group in fields(USUAL) if group.name not in APART
-             for one in fields(getattr(USUAL, group.name))]
-    return ["false_alarm", *(n for n in found if isinstance(usual(n), int | float))]
+    return ["false_alarm", *(f"{group.name}.{one.name}" for group in fields(USUAL)
+                             if group.name not in APART
+                             for one in fields(getattr(USUAL, group.name)))]
 
 
 def changed(policy: Policy, name: str, value: float) -> Policy:
@@ -127,13 +144,11 @@ def altered(name: str, factor: float) -> dict[str, Any]:
     value = factor * usual(name)
     if name == "false_alarm":
         return {"false_alarm": value}
-    if isinstance(usual(name), int):
-        value = max(1, round(value))
     return {"policy": changed(USUAL, name, value)}
 
 
 def watch(noted: dict[str, set[int]]) -> Policy:
-    """The usual policy, with all its fractional numbers watched."""
+    """The usual policy, with all its numbers watched."""
     policy = USUAL
     for name in noted:
         value = usual(name)
@@ -143,15 +158,97 @@ def watch(noted: dict[str, set[int]]) -> Policy:
     return policy
 
 
-def examine(work: tuple[Case, str, float], seconds: tuple[float, float]) -> Answer:
-    """One line of the results: a case as it is ("", with what was noted) or with a change."""
+def examine(work: tuple[Case, str, float], seconds: tuple[float, float]) -> list[Answer]:
+    """The line of the results of a case with a change that acts in the search."""
     case, name, factor = work
-    if name:
-        line = run(case, seconds, partial(ask, **altered(name, factor)))
-        return {**line, "key": key_of(case, name, factor)}
+    return [{**run(case, seconds, partial(ask, **altered(name, factor))),
+             "key": key_of(case, name, factor)}]
+
+
+def examine_first(case: Case, seconds: tuple[float, float]) -> list[Answer]:
+    """Lines of a case as it is, with what was noted, and with changes that act after the search."""
     noted = {n: set[int]() for n in list_thresholds()}
-    line = run(case, seconds, partial(ask, policy=watch(noted)))
-    return {**line, "noted": {n: [FACTORS[i] for i in sorted(at)] for n, at in noted.items()}}
+    found: dict[str, Answer] = {}
+    with concluded_again(noted, found):
+        line = run(case, seconds, partial(ask, policy=watch(noted)))
+    return with_changes(line, noted, found)
+
+
+def examine_real(data: Path) -> list[Answer]:
+    """The same of the real car, recordings split by day."""
+    noted = {n: set[int]() for n in list_thresholds()}
+    found: dict[str, Answer] = {}
+    with concluded_again(noted, found):
+        d = diagnosis_run.diagnose(*find_model("paper"), *read_real(data), policy=watch(noted))
+    return with_changes({"key": "real", **to_answer(d)}, noted, found)
+
+
+def with_changes(line: Answer, noted: dict[str, set[int]], found: dict[str, Answer]
+                 ) -> list[Answer]:
+    """A line with what was noted, and one for each change."""
+    about = {key: value for key, value in line.items() if key not in (*KEEP, "errors")}
+    return [{**line, "noted": {n: [FACTORS[i] for i in sorted(at)] for n, at in noted.items()}},
+            *({**about, **answer, "key": f"{line['key']} {change}"}
+              for change, answer in found.items())]
+
+
+@contextmanager
+def replaced(owner: Any, attribute: str, other: Any) -> Iterator[None]:
+    """Put something else in the place of an attribute for a while."""
+    original = getattr(owner, attribute)
+    setattr(owner, attribute, other)
+    try:
+        yield
+    finally:
+        setattr(owner, attribute, original)
+
+
+@contextmanager
+def concluded_again(noted: dict[str, set[int]], found: dict[str, Answer]) -> Iterator[None]:
+    """Conclude from a search again with each change after it that was noted.
+
+    found: answers by change are added.
+    """
+    conclude = diagnosis_run.conclude
+
+    def conclude_each(q: DiagnosisSetup, *rest: Any) -> Diagnosis:
+        usual_diagnosis = conclude(q, *rest)
+        usual_diagnosis.to_json()
+        for name in filter(is_concluding, list_thresholds()):
+            for factor in (FACTORS[i] for i in sorted(noted[name])):
+                try:
+                    answer = to_answer(conclude(with_change(q, name, factor), *rest))
+                except Exception as err:  # noqa: BLE001 - as in ``campaign.run``
+                    answer = {"error": f"{type(err).__name__}: {err}"}
+                found[f"{name} x {factor:g}"] = answer
+        return usual_diagnosis
+
+    with replaced(diagnosis_run, "conclude", conclude_each):
+        yield
+
+
+def with_change(q: DiagnosisSetup, name: str, factor: float) -> DiagnosisSetup:
+    """The input of a conclusion with one threshold half or double."""
+    settings = replace(q.settings, **altered(name, factor))
+    search = copy.copy(q.search)
+    search._settings = settings
+    return replace(q, settings=settings, search=search)
+
+
+def to_answer(d: Diagnosis) -> Answer:
+    """What is compared of a diagnosis."""
+    answer = d.to_json()
+    errors = d.stages[-1].horizons["1.0"]["pooled"]
+    return {**{key: answer[key] for key in KEEP if key in answer},
+            "errors": {c: errors[c] for c in CHANNELS}}
+
+
+def read_real(data: Path) -> tuple[list[Recording], list[Recording]]:
+    """The recordings of the real car, split by day: (training, test)."""
+    sys.path.insert(0, str(HOME / "benchmarks"))
+    from bench_real_car import HELD_OUT, read, splits
+
+    return splits(read(data), len(HELD_OUT), len(HELD_OUT), neural=False)[-1][:2]
 
 
 def key_of(case: Case, name: str, factor: float) -> str:
@@ -171,7 +268,7 @@ def choose(wanted: Sequence[Case], known: dict[str, Answer], checked: int, repea
            ) -> list[tuple[Case, str, float]]:
     """What to repeat: where a change was noted, and in the first cases whether or not."""
     out = []
-    for name in list_thresholds():
+    for name in (n for n in list_thresholds() if not is_concluding(n)):
         followed = is_followed(name)
         for factor in FACTORS:
             noted = [c for c in wanted if factor in known[c.key]["noted"][name]]
@@ -258,9 +355,14 @@ def change_of(outcome: str, case: Case, one: Answer, other: Answer) -> int:
     return (score(case, other).outcome == outcome) - (score(case, one).outcome == outcome)
 
 
+def is_concluding(name: str) -> bool:
+    """Whether a threshold acts after the search alone."""
+    return name.split(".")[0] in CONCLUDING
+
+
 def is_followed(name: str) -> bool:
-    """Whether a threshold notes where half and double matter: a fractional one of the policy."""
-    return name != "false_alarm" and isinstance(usual(name), float)
+    """Whether a threshold notes where half and double matter: one of the policy."""
+    return name != "false_alarm"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -277,27 +379,49 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p.add_argument("--jobs", type=int, default=2, help="cores")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
     p.add_argument("--table", type=Path, default=TABLE, help="Markdown page to write")
+    p.add_argument("--real", type=Path, nargs="?", const=DATA, metavar="DATA",
+                   help="the published recordings of the real car")
     o = p.parse_args(arguments)
+    if o.real:
+        return run_real(o)
     wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
     o.out.parent.mkdir(parents=True, exist_ok=True)
     known = done(o.out)
-    complete(known, [(c, "", 1.0) for c in wanted], o)
-    complete(known, choose(wanted, known, o.checked, o.repeats), o)
+    complete(known, [c for c in wanted if c.key not in known], o, examine_first)
+    changes = choose(wanted, known, o.checked, o.repeats) if o.repeats else []
+    complete(known, [x for x in changes if key_of(*x) not in known], o, examine)
     o.table.write_text(table(wanted, known), encoding="utf-8")
     print(f"{len(wanted)} cases: {o.table}")
     return 0
 
 
-def complete(known: dict[str, Answer], work: Sequence[tuple[Case, str, float]],
-             o: argparse.Namespace) -> None:
+def complete(known: dict[str, Answer], work: Sequence[Any], o: argparse.Namespace,
+             do: Callable[..., list[Answer]]) -> None:
     """Do what is missing, and add it to the lines known."""
-    missing = [(c, n, f) for c, n, f in work if (key_of(c, n, f) if n else c.key) not in known]
-    found = each(partial(examine, seconds=tuple(o.seconds)), missing, o.jobs, parts=len(missing))
-    with o.out.open("a", encoding="utf-8") as file:
-        for line in track(found, "half and double", total=len(missing)):
-            file.write(json.dumps(line) + "\n")
-            file.flush()
-            known[line["key"]] = line
+    found = each(partial(do, seconds=tuple(o.seconds)), work, o.jobs, parts=len(work))
+    for lines in track(found, "half and double", total=len(work)):
+        keep(known, lines, o.out)
+
+
+def keep(known: dict[str, Answer], lines: Sequence[Answer], path: Path) -> None:
+    """Add lines to those known and to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines(json.dumps(line) + "\n" for line in lines)
+    known.update({line["key"]: line for line in lines})
+
+
+def run_real(o: argparse.Namespace) -> int:
+    """Conclude about the real car with each noted change, and list those that change a number."""
+    known = done(o.out)
+    if "real" not in known:
+        keep(known, examine_real(o.real), o.out)
+    first = known["real"]
+    for key, line in known.items():
+        if key.startswith("real ") and not same_numbers(first, line):
+            ratios = {c: line["errors"][c] / first["errors"][c] for c in CHANNELS}
+            print(key, *(f"{c} {r:.3f}" for c, r in ratios.items()),
+                  "answer differs" if essence(line) != essence(first) else "")
+    return 0
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ from dart_lab.diagnosis.error_summaries import ErrorMoment, LateCommands
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.late_commands import MIN_GAIN, compare_ages, find_late_commands
-from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.diagnosis.run import make_evidence
@@ -73,7 +72,7 @@ def test_events_that_no_age_explains_gain_nothing():
 def simulate_minute(hide=lambda car: None):
     """What is found in a minute of a car whose model is right."""
     side, fit = fitted_side(hide)
-    return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,), USUAL.unexplained)
+    return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,))
 
 
 def test_lost_commands_are_found_with_their_moments():
@@ -84,10 +83,10 @@ def test_lost_commands_are_found_with_their_moments():
     assert 1 <= len(found.moments) <= 5
     assert {Path(m.file).name for m in found.moments} == {"car_1_4.csv"}
     blind = replace(side, prepared=None)
-    assert find_late_commands((blind,), fit.vehicle, (fit.timing,), USUAL.unexplained) is None
+    assert find_late_commands((blind,), fit.vehicle, (fit.timing,)) is None
     for name, kept in (("steering_rate_limit", False), ("steering_trim", True)):
         vehicle = apply(fit.vehicle, name)
-        again = find_late_commands((side,), vehicle, (fit.timing,), USUAL.unexplained)
+        again = find_late_commands((side,), vehicle, (fit.timing,))
         assert (again is not None) == kept
 
 
@@ -112,8 +111,7 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
             search = ForwardSearch(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
             fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
                                                    MessageTiming(evidence.message_age))
-            flagged[share] += find_late_commands((side,), fit.vehicle, (fit.timing,),
-                                                 USUAL.unexplained) is not None
+            flagged[share] += find_late_commands((side,), fit.vehicle, (fit.timing,)) is not None
     assert flagged[0.35] >= 4
     assert flagged[0.0] == 0
 

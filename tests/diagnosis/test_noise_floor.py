@@ -17,7 +17,6 @@ from dart_lab.diagnosis.noise_floor import (
     floor_of_errors,
     possible_ages,
 )
-from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.identification.evaluation.prediction import CHANNELS
@@ -114,7 +113,7 @@ def simulate_drive(hide=lambda car: None):
     """
     side, fit = fitted_side(hide, 40.0)
     logged = fit.timing.shift_delays(fit.vehicle)
-    found = estimate_noise_floor(side, fit.vehicle, fit.timing, logged, USUAL.unexplained)
+    found = estimate_noise_floor(side, fit.vehicle, fit.timing, logged)
     return found, side.horizons(logged)
 
 
@@ -135,7 +134,7 @@ def test_few_windows_and_sensors_alone_have_no_floor():
     few = replace(cases[0], windows=replace(cases[0].windows, start=cases[0].windows.start[:39]))
     short = replace(side, prepared=replace(side.prepared, cases=(few,)))
     for without in (short, replace(side, prepared=None)):
-        assert estimate_noise_floor(without, PAPER, MessageTiming(), PAPER, USUAL.unexplained) == {}
+        assert estimate_noise_floor(without, PAPER, MessageTiming(), PAPER) == {}
 
 
 NOISE_FLOOR = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.02, "position": 1.0, "yaw_deg": 9.0}

@@ -17,14 +17,21 @@ from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale
 from dart_lab.diagnosis import policy as module
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
+from dart_lab.diagnosis.question import DiagnosisSetup
+from dart_lab.diagnosis.search.selection import Settings
 from studies.diagnosis import policy_sensitivity as sensitivity
 from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from tests.diagnosis.searched import drive, evidence, names, search
 
 POLICY_FOLDER = Path(module.__file__).parent
 GRIDS = {"MAX_FIT_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE",
-         "MIN_RELATIVE_DETERMINANT", "BASE_NOISE_PASSES"}
-"""Numbers of a search that decide no name: iterations, starts, rounding."""
+         "MIN_RELATIVE_DETERMINANT", "BASE_NOISE_PASSES", "MAX_NOISE_PASSES", "VOLUME_TOLERANCE",
+         "MAX_NOISE_SEPARATIONS", "CERTAIN_RATIO", "MAX_EXPLANATIONS", "MIN_KEPT_SHARE",
+         "MIN_GAIN_SHARE", "MIN_LOSS_DIFFERENCE", "NULL_DRAWS", "SLOPE_TOLERANCE", "LADDER",
+         "DENSE_LADDER", "PEAK_TOLERANCE", "MAX_REFINEMENTS", "PREDICTION_TOLERANCE",
+         "MIN_SIZE_STEP", "MAX_BISECTIONS", "MIN_PROPORTION"}
+"""Numbers of a search that decide no name: iterations, starts, rounding, sizes that are tried, and
+what changed no answer when it was halved or doubled (docs/results/policy_sensitivity.md)."""
 
 
 def bare(text):
@@ -59,7 +66,7 @@ def test_a_policy_is_frozen_and_equal_to_its_like():
     with pytest.raises(FrozenInstanceError):
         USUAL.naming = USUAL.naming
     assert Policy() == USUAL
-    assert changed(USUAL, "naming.min_kept_share", 1.0) != USUAL
+    assert changed(USUAL, "naming.min_size", 1.0) != USUAL
 
 
 def test_thresholds_of_1_10_are_those_of_the_scale_1_and_others_follow_the_car():
@@ -131,26 +138,44 @@ def test_half_and_double_are_of_what_is_usual():
         group, key = name.split(".")
         assert getattr(getattr(policy, group), key) == 2.0 * usual(name)
     assert altered("false_alarm", 0.5) == {"false_alarm": 0.005}
-    assert altered("naming.explanations", 0.1)["policy"].naming.explanations == 1
 
 
 def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     def ask(*files, policy=USUAL, **how):
-        return {"verdict": str(policy.naming.min_kept_share < 1.0)}  # 0.5 is, and 0.25; 1 is not
+        return {"verdict": str(policy.naming.min_size < 1.0)}  # 0.8 is, and 0.4; 1.6 is not
 
     monkeypatch.setattr(sensitivity, "ask", ask)
     monkeypatch.setattr(sensitivity, "run", lambda case, seconds, thresholds: {
         "key": case.key, **thresholds()})
     cases = [SimpleNamespace(key="a"), SimpleNamespace(key="b")]
-    known = {c.key: sensitivity.examine((c, "", 1.0), (1.0, 1.0)) for c in cases}
+    known = {c.key: sensitivity.examine_first(c, (1.0, 1.0))[0] for c in cases}
     noted = known["a"]["noted"]
-    assert {n for n, factors in noted.items() if factors} == {"naming.min_kept_share"}
-    assert noted["naming.min_kept_share"] == [2.0]
+    assert {n for n, factors in noted.items() if factors} == {"naming.min_size"}
+    assert noted["naming.min_size"] == [2.0]
     repeated = sensitivity.choose(cases, known, checked=1, repeats=9)
-    assert [(c.key, f) for c, n, f in repeated if n == "naming.min_kept_share"] == [
+    assert [(c.key, f) for c, n, f in repeated if n == "naming.min_size"] == [
         ("a", 0.5), ("a", 2.0), ("b", 2.0)]
     assert [(c.key, f) for c, n, f in repeated if n == "noise.max_residual"] == [
         ("a", 0.5), ("a", 2.0)]
-    other = sensitivity.examine((cases[0], "naming.min_kept_share", 2.0), (1.0, 1.0))
-    assert other == {"key": "a naming.min_kept_share x 2", "verdict": "False"}
+    other, = sensitivity.examine((cases[0], "naming.min_size", 2.0), (1.0, 1.0))
+    assert other == {"key": "a naming.min_size x 2", "verdict": "False"}
     assert not sensitivity.same_numbers(known["a"], other)
+
+
+def test_what_acts_after_the_search_is_concluded_again_from_the_same_search(monkeypatch):
+    def conclude(setup, *rest):
+        floor = setup.settings.policy.unexplained.min_share
+        return SimpleNamespace(to_json=lambda: {"verdict": str(floor < 0.15)}, stages=[
+            SimpleNamespace(horizons={"1.0": {"pooled": dict.fromkeys(sensitivity.CHANNELS, 1.0)}})
+        ])
+
+    monkeypatch.setattr(sensitivity.diagnosis_run, "conclude", conclude)
+    noted = {n: set() for n in list_thresholds()}
+    found = {}
+    setup = DiagnosisSetup("", PAPER, None, None, Settings(policy=sensitivity.watch(noted)), True,
+                           SimpleNamespace())
+    with sensitivity.concluded_again(noted, found):
+        assert sensitivity.diagnosis_run.conclude(setup).to_json() == {"verdict": "True"}
+    assert {change: line["verdict"] for change, line in found.items()} == {
+        "unexplained.min_share x 2": "False"}
+    assert sensitivity.diagnosis_run.conclude is conclude

@@ -11,12 +11,13 @@ from dart_lab.report.numbers import shorten_list
 from .evidence.space import MAX_COMMAND_AGE
 from .gains import RecordingSet
 from .grade.alike import RecordingGroups, estimate_sizes, find_groups, join_sizes
-from .policy import ConclusionPolicy, Policy
+from .policy import Policy
 from .report.words import channel
 from .result import Cause, ErrorReduction, ParameterChange
 from .search.fit import Point
 
 AT_BOUND = "at the edge of what is allowed"
+MIN_ERROR_RISE = 0.2  # of the error: an increase that is reported without an interval
 AGE_BOUND_TOLERANCE = 1e-3  # s; an age that is nearer to its bound is on it
 
 
@@ -33,7 +34,7 @@ def list_cautions(last: Point, sets: tuple[RecordingSet, RecordingSet],
     if not changes:
         return tuple(out)
     out += _list_bounds(changes, last)
-    worse = list_worse_channels(gain, policy.conclusion)
+    worse = list_worse_channels(gain)
     if worse and not causes:
         out.append("with refitted parameters the model predicts the test recordings worse "
                    f"({', '.join(map(channel, worse))}): these training recordings do not "
@@ -42,13 +43,13 @@ def list_cautions(last: Point, sets: tuple[RecordingSet, RecordingSet],
     return tuple(out)
 
 
-def list_worse_channels(gain: Mapping[str, ErrorReduction], policy: ConclusionPolicy) -> list[str]:
+def list_worse_channels(gain: Mapping[str, ErrorReduction]) -> list[str]:
     """List channels of the test recordings that are predicted significantly worse.
 
-    Where the recordings are too short for an interval: worse by more than ``min_error_rise``.
+    Where the recordings are too short for an interval: worse by more than ``MIN_ERROR_RISE``.
     """
     return [name for name, g in gain.items()
-            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -policy.min_error_rise)]
+            if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -MIN_ERROR_RISE)]
 
 
 def _compare_recordings(last: Point, sets: tuple[RecordingSet, RecordingSet], policy: Policy

@@ -144,17 +144,15 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         for point, vehicle, predicted in (
             (found.given, found.given.vehicle, given_vehicles_for_logs(q, found.given, predictor)),
             (final, final.vehicle, predictor(final))))
-    gain = measure_overall_gain(given, fitted, q.train, q.test, q.settings.seed,
-                                policy.conclusion.gain_block_s)
+    gain = measure_overall_gain(given, fitted, q.train, q.test, q.settings.seed)
     notes = (*list_cautions(last, (q.train, q.test), changes, gain, causes, policy),
              *describe_frame(final.vehicle, q.frame))
     # 5.
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, policy.noise)
-    floor = estimate_noise_floor(q.test, final.vehicle, losses.timing(final), predictor(final)[1],
-                                 policy.unexplained)
+    floor = estimate_noise_floor(q.test, final.vehicle, losses.timing(final), predictor(final)[1])
     excesses = find_excesses(stages[-1].horizons, floor)
     late = find_late_commands((q.train, q.test), final.vehicle,
-                              (final.timing, losses.timing(final)), policy.unexplained)
+                              (final.timing, losses.timing(final)))
     findings: list[Finding] = [*structure, *outliers, *excesses, *([late] if late else [])]
     return Diagnosis(
         verdict=_verdict(q, found, causes, findings, gain, claims, possible),
@@ -368,10 +366,10 @@ def _verdict(q: DiagnosisSetup, found: SearchResult, causes: Sequence[Cause],
         return "parameters_only"
     if q.refit:
         p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
-                          q.settings.seed, q.settings.policy.naming.draws)
+                          q.settings.seed)
         better = not gain or any(g.low > 0.0 for g in gain.values())
         if (p < q.settings.false_alarm and better
-                and not list_worse_channels(gain, q.settings.policy.conclusion)):
+                and not list_worse_channels(gain)):
             return "parameters_only"
     # The search has found something, which happens in 1 of 100 faultless cars.
     return "unexplained" if possible else "nothing_wrong"

@@ -39,6 +39,8 @@ from .evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
 from .evidence.space import MessageTiming
 from .result import ErrorReduction
 
+# s; bootstrap of residuals over laps of some seconds (predictions over 1 s: ``compare.BLOCK_TIME``)
+GAIN_BLOCK_S = 10.0
 HORIZON_INDEX = HORIZONS.index(1.0)
 REST_NOTE = ", one of a standing car counted by how much less it shakes"
 ROLLOUT_MEASURE = "open-loop prediction over 1 s from the measured state, "
@@ -170,11 +172,8 @@ class Fitted:
 
 
 def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: RecordingSet,
-                 test: RecordingSet, seed: int, block_s: float) -> ErrorReduction:
-    """Measure the error reduction of an effect in the channel where it is largest in training.
-
-    block_s: length of the blocks of the bootstrap over residuals [s].
-    """
+                 test: RecordingSet, seed: int) -> ErrorReduction:
+    """Measure the error reduction of an effect in the channel where it is largest in training."""
     changes_motion = effect.stage != "measurement" or "pose" in effect.signals
     # The channel is chosen by the training recordings, the reported reduction is that of the test
     # recordings: a choice by the test would make it too large.
@@ -184,7 +183,7 @@ def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: Reco
         return max(channels.values(), key=lambda g: g.train)
     found = {}
     for name, column in _columns(effect, train.evidence).items():
-        found[name] = _residual_gain(name, column, reference, changed, train, test, seed, block_s)
+        found[name] = _residual_gain(name, column, reference, changed, train, test, seed)
     return max(found.values(), key=lambda g: g.train if math.isfinite(g.train) else -math.inf)
 
 
@@ -215,24 +214,23 @@ def _rollout_gains(reference: tuple[Vehicle, Vehicle], changed: tuple[Vehicle, V
 
 
 def measure_overall_gain(reference: Fitted, changed: Fitted, train: RecordingSet,
-                         test: RecordingSet, seed: int, block_s: float
-                         ) -> dict[str, ErrorReduction]:
+                         test: RecordingSet, seed: int) -> dict[str, ErrorReduction]:
     """Measure the gain by channel 1 s ahead; without motion capture in encoder and gyro."""
     if train.prepared and test.prepared:
         return _rollout_gains(reference.logged, changed.logged, train, test, seed, changed.commands)
-    return {name: _residual_gain(name, column, reference, changed, train, test, seed, block_s)
+    return {name: _residual_gain(name, column, reference, changed, train, test, seed)
             for name, column in test.evidence.columns_at(1.0).items()}
 
 
 def _residual_gain(name: str, column: int, reference: Fitted, changed: Fitted, train: RecordingSet,
-                   test: RecordingSet, seed: int, block_s: float) -> ErrorReduction:
+                   test: RecordingSet, seed: int) -> ErrorReduction:
     """Measure the gain in one column of the residuals."""
     pairs = []
     for i, part in enumerate((train, test)):
         a, b = (_pick(part.evidence.residuals(p.vehicle, p.timings[i]), column)
                 for p in (reference, changed))
         good = np.isfinite(a) & np.isfinite(b)
-        labels = part.evidence.blocks(block_s)[0 if column >= 0 else 1]
+        labels = part.evidence.blocks(GAIN_BLOCK_S)[0 if column >= 0 else 1]
         pairs.append((a[good], b[good], labels[good]))
     interval = gain(*pairs[1], seed=seed)
     what = "motion 1 s ahead" if column >= 0 else "reading"

@@ -43,6 +43,5 @@ def compute_gains(train: RecordingSet, test: RecordingSet, settings: Settings,
     fits = [Fitted(point.vehicle, predictor(point), (point.timing, losses.timing(point)),
                    settings.refit)
             for point in points[:len(names) + 1]]
-    return [measure_gain(catalogue()[name], reference, changed, train, test, settings.seed,
-                         settings.policy.conclusion.gain_block_s)
+    return [measure_gain(catalogue()[name], reference, changed, train, test, settings.seed)
             for name, reference, changed in zip(names, fits[:-1], fits[1:], strict=True)]

@@ -32,7 +32,6 @@ from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import RecordingSet
 from .noise_floor import MIN_WINDOWS
 from .parameters.unseen import AGE_TOLERANCE_S
-from .policy import UnexplainedPolicy
 from .unexplained.command_ages import MIN_LOG_RATIO, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
 from .unexplained.outliers import MAX_MOMENTS, list_moments
@@ -75,8 +74,7 @@ class _AgeComparison:
 
 
 def find_late_commands(sets: Sequence[RecordingSet], vehicle: Vehicle,
-                       timings: Sequence[MessageTiming], policy: UnexplainedPolicy
-                       ) -> LateCommands | None:
+                       timings: Sequence[MessageTiming]) -> LateCommands | None:
     """Find commands that acted later than the logs of these recordings allow.
 
     timings: that suit each set. Returns None if there are none, without motion capture, for runs,
@@ -93,7 +91,7 @@ def find_late_commands(sets: Sequence[RecordingSet], vehicle: Vehicle,
         if (not part.evidence.has_mocap or part.evidence.commands_stamped
                 or len(evidence.motion_drive) < MIN_WINDOWS):
             return None
-        found.append(_compare_windows(evidence, vehicle, timing, policy))
+        found.append(_compare_windows(evidence, vehicle, timing))
     gain = sum(one.gain for one in found)
     if gain < MIN_GAIN:
         return None
@@ -122,8 +120,7 @@ def compare_ages(by_age: FloatArray, ages: FloatArray, youngest: float, oldest: 
     return fit.log_likelihood - fit_ages(by_age[allowed]).log_likelihood, posterior
 
 
-def _compare_windows(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming,
-                     policy: UnexplainedPolicy) -> _AgeComparison:
+def _compare_windows(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming) -> _AgeComparison:
     """Compare the ages in the windows of one set of recordings."""
     def compute_errors(age: float) -> FloatArray:
         other = replace(timing, command_age=age, age_spread=0.0)
@@ -133,7 +130,7 @@ def _compare_windows(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming
     coarse = np.asarray(-MAX_EXTRA_DELAY_S + AGE_GRID_STEP_S * np.arange(steps + 1),
                         dtype=np.float64)
     usual = compute_errors(timing.command_age)
-    rest = remove_driven(evidence, vehicle, usual, READ_OUTS[LATE_READ_OUT], policy)
+    rest = remove_driven(evidence, vehicle, usual, READ_OUTS[LATE_READ_OUT])
     rest = rest - np.median(rest, axis=0)
     fault = usual - rest
     by_age = interpolate_ages(np.stack([compute_errors(a) for a in coarse])) - fault

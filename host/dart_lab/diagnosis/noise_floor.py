@@ -40,7 +40,6 @@ from .evidence.residuals import MOTION, Evidence
 from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import HORIZON_INDEX, RecordingSet, compute_case_differences
 from .parameters.unseen import AGE_TOLERANCE_S
-from .policy import UnexplainedPolicy
 from .unexplained.command_ages import AGE_STEP, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
 
@@ -53,7 +52,7 @@ CLIP = 2.0  # standard deviations; 95 % of normal errors are within
 
 
 def estimate_noise_floor(recordings: RecordingSet, vehicle: Vehicle, timing: MessageTiming,
-                         logged: Vehicle, policy: UnexplainedPolicy) -> dict[str, float]:
+                         logged: Vehicle) -> dict[str, float]:
     """Estimate the RMS error of a faultless model 1 s ahead, by channel of ``evaluate``.
 
     vehicle, timing: the last fit, at the timing that suits these recordings; logged: the vehicle
@@ -83,7 +82,7 @@ def estimate_noise_floor(recordings: RecordingSet, vehicle: Vehicle, timing: Mes
         difference[:, 3:], _along_and_across(difference[:, :3], yaw)]))
     u = compute_errors(0.0)
     # 1. the fault
-    rest = remove_driven(evidence, vehicle, u, READ_OUTS[FLOOR_READ_OUT], policy)
+    rest = remove_driven(evidence, vehicle, u, READ_OUTS[FLOOR_READ_OUT])
     fault = u - rest + np.median(rest, axis=0)
     # 2. to 4. Commands act on velocities at once and on the pose later, so each half has its ages.
     by_age = np.stack([compute_errors(a) for a in possible_ages(evidence, timing)])

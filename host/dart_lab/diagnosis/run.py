@@ -36,6 +36,8 @@ from .search.forward import ForwardSearch, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
 
+# s of recordings, from which on windows do not overlap: cost
+MAX_OVERLAPPED_S = 300.0
 # Effects that change a size of the body, by the name of the size.
 SAME_AS_SIZE = {"body.mass": "mass", "body.yaw_inertia": "yaw_inertia",
                 "body.l_f": "centre_of_mass", "body.l_r": "centre_of_mass"}
@@ -194,7 +196,7 @@ def make_evidence(recordings: Sequence[Recording], l_r: float, reference: Refere
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
     seconds = sum(len(c.grid) for c in cases.cases) * SAMPLE
-    spacing = WINDOW_SPACING if seconds > policy.whole_s else START_SPACING
+    spacing = WINDOW_SPACING if seconds > MAX_OVERLAPPED_S else START_SPACING
     drives = [prepare_drive(r, l_r, frames[r.sha256], spacing, policy)
               for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}

@@ -11,7 +11,7 @@ from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
-from dart_lab.diagnosis.policy import USUAL, ScanPolicy
+from dart_lab.diagnosis.search import size_search
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import EffectScan
 from dart_lab.diagnosis.search.size_search import scanned_parameters
@@ -29,7 +29,7 @@ SIGNED_SIZES = [(e.name, q.name, float(sign * k)) for e in catalogue().values()
                 + sign * k <= q.high]
 
 
-def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
+def gains(tmp_path, name, values, top=0.34):
     """(what the scan finds, what the true size gains); top: the largest throttle of the drive."""
     plan = Plan(seconds=60.0, fast=(0.21, top))
     recording = read(write(tmp_path / "hidden.csv", apply(PAPER, name, **values), 12, plan))
@@ -37,7 +37,7 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
     noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(MessageTiming()))
-    scan = EffectScan(evidence, point, policy)
+    scan = EffectScan(evidence, point)
     truth = scan.residual(apply(point.vehicle, name, **values))
     return scan.best_trial(name), scan.gain(truth)
 
@@ -60,8 +60,9 @@ def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
 
 
 @pytest.mark.slow
-def test_without_looking_between_the_rungs_it_is_missed(tmp_path):
+def test_without_looking_between_the_rungs_it_is_missed(tmp_path, monkeypatch):
     """The negative control."""
-    blind = ScanPolicy(bisections=0, refinements=2)
-    found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, blind, top=0.42)
+    monkeypatch.setattr(size_search, "MAX_BISECTIONS", 0)
+    monkeypatch.setattr(size_search, "MAX_REFINEMENTS", 2)
+    found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, top=0.42)
     assert found.gain < 0.2 * truth

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.parameters.sets import GroupFits, _subsets
+from dart_lab.diagnosis.parameters.sets import MAX_LINEAR_RISE, GroupFits, _subsets
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
@@ -129,7 +129,7 @@ def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(evidence_of_drive
     full = fit_start(evidence_of_drive, free=ALL_FREE)[1]
     unit = np.arange(len(full.residual)) % 16
     sets = GroupFits(evidence_of_drive, PAPER, full, unit, {}, USUAL)
-    near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < USUAL.claims.max_linear_rise]
+    near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < MAX_LINEAR_RISE]
     assert len(near) > 3
     quick = {s: sets.losses(s).sum() - sets.losses(sets.all_groups).sum() for s in near}
     assert not sets._fits

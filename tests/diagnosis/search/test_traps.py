@@ -12,10 +12,10 @@ from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence import drive as prepared
-from dart_lab.diagnosis.policy import ScanPolicy
 from dart_lab.diagnosis.run import standard_errors
 from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search import scan as scanning
+from dart_lab.diagnosis.search import size_search
 from dart_lab.diagnosis.search.scan import scan
 from dart_lab.identification.shooting.fit import FREE, free_names
 from studies.diagnosis.campaign_cases import car as known_roughly
@@ -186,8 +186,9 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     monkeypatch.setattr(scanning, "next_larger_size", lambda *given: None)
     of_drive = evidence(drive((name, k)))
-    trial, = scan(of_drive, fit_start(of_drive)[1], [name],
-                  policy=ScanPolicy(ladder=(0.01, 0.01, 0.01)))
+    for owner in (scanning, size_search):
+        monkeypatch.setattr(owner, "LADDER", (0.01, 0.01, 0.01))
+    trial, = scan(of_drive, fit_start(of_drive)[1], [name])
     monkeypatch.undo()
     right, = scan(of_drive, fit_start(of_drive)[1], [name])
     assert trial.gain < 0.05 * right.gain

@@ -15,7 +15,6 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence import readings
 from dart_lab.diagnosis.evidence.readings import rest_residuals
 from dart_lab.diagnosis.evidence.space import Space
-from dart_lab.diagnosis.policy import NamingPolicy, Policy
 from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search.scan import Trial, ladder, scan
 from studies.diagnosis.known_frame import read
@@ -62,7 +61,8 @@ def test_a_car_at_rest_reads_the_same_a_little_later(monkeypatch, name):
 @pytest.mark.slow
 def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, left):
     """A delay that was named for a lag goes when the lag comes; without the way back it stays."""
-    policy = Policy() if needed is None else Policy(naming=NamingPolicy(certain_ratio=needed))
+    if needed is not None:
+        monkeypatch.setattr(searching, "CERTAIN_RATIO", needed)
     rounds = []
 
     def scan_that_first_forgets(*args, **how):
@@ -70,8 +70,7 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
         return [t for t in scan(*args, **how) if len(rounds) > 1 or t.effect != "steering_lag"]
 
     monkeypatch.setattr(searching, "scan", scan_that_first_forgets)
-    found = search(drive(("steering_lag", 0.06), seed=8), names=(*TIMING, "grip", "gyro_bias"),
-                   policy=policy)
+    found = search(drive(("steering_lag", 0.06), seed=8), names=(*TIMING, "grip", "gyro_bias"))
     assert sorted(names(found)) == left
 
 

@@ -28,6 +28,9 @@ from .space import MAX_COMMAND_AGE
 
 # Standard deviation of a uniform distribution over all possible ages.
 UNKNOWN_AGE_STD = MAX_COMMAND_AGE / np.sqrt(12.0)  # s
+# Rounded readings are not more accurate: half a millisecond of the encoder's jitter at 4 m/s2
+# [m/s], steps of 1/16 deg/s [rad/s] and of 0.01 m/s2 (BNO055) over sqrt(12), for SENSORS.
+RESOLUTION = np.array([0.002, 0.00031, 0.0029, 0.0029])
 DIVERGED = 1e3  # m/s, rad/s; more than any car reaches, so the residual is clipped at its limit
 ALTERNATIONS = 3  # estimates of noise and of ages, each given the other
 
@@ -117,7 +120,7 @@ def estimate_noise(r: Residuals, blocks: tuple[IntArray, IntArray],
     age_scale = 1.0 if sensitivity is None else _age_scale(r.motion, sensitivity, policy, age_std)
     # 1. Scale and correlation of the motion; a row is then a vector of independent numbers.
     whitener = _whitener(r.motion * age_scale, policy)
-    resolution = np.array([policy.encoder_floor, policy.gyro_floor, *[policy.accel_floor] * 2])
+    resolution = RESOLUTION
     # 2. Scale of each sensor, not below the rounding of its readings.
     sensors = np.maximum(_robust_std(r.sensors), resolution) if len(r.sensors) else np.ones(4)
     unweighted = Noise(whitener, sensors, np.ones(len(whitener) + len(sensors)), age_scale, policy)

@@ -33,6 +33,7 @@ START_SPACING = 0.5  # s from start to start: half a window, so each message is 
 MAX_JITTER_S = 0.03  # s; a message further from its place in the 10 Hz grid is a lost one
 ACCEL_READ_OUTS = (3, 8)  # read-outs at which the accelerometer is judged: each message once
 END_MESSAGES = 4  # at the begin of a stretch; the state at a start needs messages to both sides
+MIN_FORWARD_THROTTLE = -0.01  # below it a car may reverse; an encoder has no sign
 FINE_SPAN_S = 0.8 * ENCODER_MEAN_S  # s; messages of a run closer than this are joined
 
 
@@ -102,7 +103,7 @@ def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
                 throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])
-    first, near = _find_windows(m, rows, samples, g, policy.min_forward_throttle, span)
+    first, near = _find_windows(m, rows, samples, g, MIN_FORWARD_THROTTLE, span)
     index = rows[near[:, STATE_MESSAGES:]]
     offsets = (samples[near] - samples[first][:, None]).T
     readings = np.stack([m.speed[rows][near], m.yaw_rate[rows][near]]).swapaxes(1, 2)

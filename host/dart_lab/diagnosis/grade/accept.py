@@ -136,7 +136,7 @@ class _FitCache:
         policy = self.context.policy
         linear = secants(self.context.evidence, fit, names, policy)
         return _GradedFit(tuple(names), fit, linear,
-                          grade_effects(linear, names, policy.grade, self.context.seed)
+                          grade_effects(linear, names, self.context.seed)
                           if names else {})
 
     def fit(self, names: Collection[str], neighbour: Point) -> Point:

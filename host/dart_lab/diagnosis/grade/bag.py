@@ -28,9 +28,11 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_lab.identification.evaluation.compare import draw_blocks as drawn
 
-from ..policy import TAIL, GradePolicy
+from ..policy import TAIL
+from .family import STATE_WIDTH
 from .secants import Secants, state_modulations
 
+BOOTSTRAP_DRAWS = 400  # draws of units; P = 0.97 is known to 0.01
 ABSENT_STEP = -1.0  # step along a secant at which its effect is removed
 
 
@@ -47,12 +49,11 @@ class BootstrapProblem:
     start: FloatArray
 
 
-def grade_effects(linear: Secants, names: Sequence[str], policy: GradePolicy, seed: int
-                  ) -> dict[str, float]:
+def grade_effects(linear: Secants, names: Sequence[str], seed: int) -> dict[str, float]:
     """Compute P of each effect, given with the largest gain first."""
-    columns = _stack_columns(linear, names, policy)
+    columns = _stack_columns(linear, names)
     return {name: probability(_select_columns(linear, columns, name, names[:i]), ABSENT_STEP,
-                              policy.draws, seed)
+                              BOOTSTRAP_DRAWS, seed)
             for i, name in enumerate(names)}
 
 
@@ -137,13 +138,13 @@ class _Columns:
     secant: Mapping[str, int]
 
 
-def _stack_columns(linear: Secants, names: Sequence[str], policy: GradePolicy) -> _Columns:
+def _stack_columns(linear: Secants, names: Sequence[str]) -> _Columns:
     """Stack the free parameters, the additional columns of all effects but the last, and secants.
 
     No effect has a smaller gain than the last one, so its additional columns are not needed.
     """
     point = linear.point
-    states = policy.family * (state_modulations(linear, TAIL) if names[1:] else np.zeros((1, 0)))
+    states = STATE_WIDTH * (state_modulations(linear, TAIL) if names[1:] else np.zeros((1, 0)))
     parts = [point.jacobian]
     family = dict[str, IntArray]()
     k = len(point.x)

@@ -20,6 +20,7 @@ from ..result import Constancy
 from ..search.significance import p_value
 from .secants import Secants, size_functions
 
+SIGN_DRAWS = 999  # signs of blocks turned: ten of them beyond the level of a change
 MIN_SCORE = 1e-9  # below, a function has no values in this driving
 
 
@@ -34,7 +35,7 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
     w = point.irls_weight
     d = linear.tangent[name]
     project = point.projection(linear.coordinates[name])
-    names, phi = size_functions(linear, policy)
+    names, phi = size_functions(linear)
     # 1. phi_k minus its mean, weighted by the information about the size: the mean change is the
     #    size itself, which is fitted already.
     information = w * project(d)**2
@@ -57,7 +58,7 @@ def assess_constancy(linear: Secants, name: str, policy: GradePolicy, seed: int)
     names = [n for n, u in zip(names, use, strict=True) if u]
     # 3. Without a change the sums are symmetric about 0, so random signs give equally likely data.
     #    The maximum over all functions makes the p-value family-wise.
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (policy.turns, len(blocks)))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (SIGN_DRAWS, len(blocks)))
     null = np.sort((np.abs(signs @ blocks) / size).max(axis=1))
     statistic = np.abs(blocks.sum(axis=0)) / size
     best = int(statistic.argmax())

@@ -12,13 +12,17 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.scale import find_scale
 
 from ..evidence.residuals import Evidence
-from ..policy import GradePolicy
 from ..search.fit import Point
 
 DEPARTURE_STEP = 0.2  # standard deviations of a departure; two-sided difference for its slope
 
+# Shares of a force: by which it may act at the steered wheels (all of it), and by which it may
+# differ along a function of the state.
+FRONT_WIDTH = 1.0
+STATE_WIDTH = 0.5
 
-def force_variants(evidence: Evidence, point: Point, name: str, policy: GradePolicy) -> FloatArray:
+
+def force_variants(evidence: Evidence, point: Point, name: str) -> FloatArray:
     """Return the changes (N, d) of the residuals by one standard deviation of each departure.
 
     (N, 0) for an effect that is no force.
@@ -29,7 +33,7 @@ def force_variants(evidence: Evidence, point: Point, name: str, policy: GradePol
     if active.effect.force is None:
         return np.zeros((len(point.residual), 0))
     written = with_departures(active.effect, TYPICAL_SPEED * find_scale(p.body).speed)
-    widths = [policy.place if d == "front" else policy.family for d in DEPARTURES]
+    widths = [FRONT_WIDTH if d == "front" else STATE_WIDTH for d in DEPARTURES]
 
     def residual(departures: tuple[float, ...]) -> FloatArray:
         other = ActiveEffect(written, (*active.values, *departures))

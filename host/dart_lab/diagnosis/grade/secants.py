@@ -17,7 +17,7 @@ from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, repeat_labels
-from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, GradePolicy, Policy
+from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, Policy
 from ..search.fit import Point
 from ..search.selection import label_point_rows
 from ..unexplained.bases import basis_functions
@@ -29,6 +29,10 @@ STATE = ("speed", "steering_angle", "throttle", "lateral_acceleration", "acceler
          "steering_rate")
 # Further variables on which the size of a constant cause must not depend.
 PLACE = ("time", "x", "y", "heading")
+MIN_UNITS = 16  # stretches of time, where recordings are fewer
+SIZE_WAVES = 3  # half waves along each variable on which a size may depend
+MIN_PERIOD_S = 5.0  # s; the shortest wave along time ...
+MAX_TIME_WAVES = 48  # ... in at most two minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +67,9 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
         secant[name] = point.residual - without
     rows = label_point_rows(evidence, point, policy)
     # the last effect needs no variants, see ``bag``
-    variants = {name: force_variants(evidence, point, name, policy.grade) for name in effects[:-1]}
+    variants = {name: force_variants(evidence, point, name) for name in effects[:-1]}
     return Secants(point, secant, tangent, variants, own, rows,
-                   bootstrap_units(evidence, rows, point, policy.grade), features(evidence, point))
+                   bootstrap_units(evidence, rows, point), features(evidence, point))
 
 
 def find_coordinates(point: Point, beginnings: tuple[str, ...]) -> list[int]:
@@ -78,8 +82,7 @@ def parameter_tangent(point: Point, mine: Sequence[int]) -> FloatArray:
     return np.asarray(point.jacobian[:, mine] @ point.x[mine])
 
 
-def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy
-                    ) -> IntArray:
+def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point) -> IntArray:
     """Return the units (N,) of a bootstrap: recordings, or stretches of time if these are few.
 
     A stretch is no shorter than BLOCK_S, whatever the blocks of the policy.
@@ -87,7 +90,7 @@ def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point, policy: G
     if int(rows.recording.max()) + 1 >= MANY_RECORDINGS:
         return rows.recording
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S
-    length = max(BLOCK_S, seconds / policy.units)
+    length = max(BLOCK_S, seconds / MIN_UNITS)
     columns = len(point.noise.motion)
     label = repeat_labels(*evidence.blocks(length), columns)
     at_rest = repeat_labels(np.zeros(len(evidence.motion_drive), dtype=np.int64),
@@ -123,15 +126,15 @@ def state_modulations(linear: Secants, tail: float) -> FloatArray:
     return np.asarray((out - out.mean(axis=0)) / np.maximum(out.std(axis=0), 1e-9))
 
 
-def size_functions(linear: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
+def size_functions(linear: Secants) -> tuple[list[str], FloatArray]:
     """Return functions (N, k) along which a size may change, and the variable of each."""
     names = list[str]()
     columns = []
     for name in (*STATE, *PLACE):
-        waves = policy.waves
+        waves = SIZE_WAVES
         if name == "time":
             span = float(np.ptp(linear.features["time"]))
-            waves = int(np.clip(2.0 * span / policy.period_s, policy.waves, policy.time_waves))
+            waves = int(np.clip(2.0 * span / MIN_PERIOD_S, SIZE_WAVES, MAX_TIME_WAVES))
         found = basis_functions(linear.features, (name,), TAIL, waves)
         names += [name] * found.shape[1]
         columns.append(found / np.maximum(found.std(axis=0), 1e-9))

@@ -26,6 +26,7 @@ from .unseen import RecordingLosses
 
 # Added to the diagonal of correlations: a file states them with a few digits.
 CORRELATION_ERROR = 1e-3
+MIN_CONFOUNDER_PROBABILITY = 0.1  # of another group without the one that is found
 PARAMETER_DRAWS = 200  # of the fitted parameters, for the standard error of a quantity
 
 
@@ -128,7 +129,7 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
         next(iter(part)), known[0].title, known[0].quantities)
     confounders = () if len(part) > 1 else tuple(
         g for g, p in found.probability_without(next(iter(part))).items()
-        if p > policy.claims.min_confounder_probability)
+        if p > MIN_CONFOUNDER_PROBABILITY)
     mine = find_coordinates(groups.full, names)
     tangent = parameter_tangent(groups.full, mine)
     linear = replace(inputs.linear, tangent={group: tangent}, coordinates={group: mine})

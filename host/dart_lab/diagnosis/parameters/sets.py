@@ -33,6 +33,21 @@ from ..policy import Policy
 from ..search.fit import Point, refit_reusing_jacobian
 from .groups import GROUPS
 
+# Prior probability that a group is wrong: one or two of the usual seven.
+PRIOR_PROBABILITY = 0.2
+# Twice a log probability: a set that is worse by it has no weight, e^6 to one.
+MAX_CRITERION_GAP = 12.0
+# Draws of units.
+UNIT_DRAWS = 128
+# Loss below which a set needs no fit, as its residuals are linear: five standard deviations.
+MAX_LINEAR_RISE = 25.0
+# Of the criterion to second order, which is inexact for far moves: an exchange of two groups that
+# is worse by more is not fitted.
+MAX_SWAP_GAP = 100.0
+# Probability below which a group is not looked at again, and to second order not fitted.
+MIN_GROUP_PROBABILITY = 0.05
+MIN_GUESSED_PROBABILITY = 0.01
+
 GroupSet = frozenset[str]
 
 
@@ -128,7 +143,7 @@ class GroupFits:
     def losses(self, free: GroupSet) -> FloatArray:
         """Return the loss (u,) of each unit; to first order if the last fit is near."""
         # A set whose parameters hardly move needs no fit: its residuals are linear there.
-        if self.rise(free) < self.policy.claims.max_linear_rise:
+        if self.rise(free) < MAX_LINEAR_RISE:
             point = self.full
             move = self._constrain(free) - self.full.x
             residual = point.residual + point.jacobian @ move
@@ -174,7 +189,6 @@ def posterior(fits: GroupFits, seed: int) -> Posterior:
        until no neighbour is better.
     3. Weigh the fitted sets that are nearly as good as the best one.
     """
-    policy = fits.policy.claims
     approximate = _approximate_criteria(fits)
     groups = _select_plausible(fits, approximate)
     fitted: dict[GroupSet, float] = {}
@@ -194,10 +208,10 @@ def posterior(fits: GroupFits, seed: int) -> Posterior:
         #    the approximation does not rule it out.
         swaps = [best - {a} | {b} for a in sorted(best) for b in sorted(groups - best)]
         near = [*(best ^ {g} for g in sorted(groups)),
-                *(s for s in swaps if approximate[s] < approximate[best] + policy.max_swap_gap)]
+                *(s for s in swaps if approximate[s] < approximate[best] + MAX_SWAP_GAP)]
         best = min([best, *near], key=criterion)
     # 3. Sets that are far worse have no weight.
-    limit = fitted[best] + policy.max_criterion_gap
+    limit = fitted[best] + MAX_CRITERION_GAP
     return _posterior(fits, [s for s in fitted if fitted[s] < limit], seed)
 
 
@@ -205,8 +219,7 @@ def _posterior(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> Posterio
     """Return the posterior over some sets, with the groups that are not too improbable."""
     weight = posterior_weights(fits, sets, seed)
     found = Posterior(tuple(sorted(frozenset().union(*sets))), tuple(sets), weight)
-    least = fits.policy.claims.min_group_probability
-    groups = [g for g in found.groups if found.probability(g) > least]
+    groups = [g for g in found.groups if found.probability(g) > MIN_GROUP_PROBABILITY]
     return replace(found, groups=tuple(sorted(groups, key=lambda g: -found.probability(g))))
 
 
@@ -230,14 +243,13 @@ def _select_plausible(fits: GroupFits, approximate: Mapping[GroupSet, float]) ->
     # exp(-c / 2), relative to the best set: unnormalised probabilities.
     least = min(approximate.values())
     weight = {s: float(np.exp(-0.5 * (c - least))) for s, c in approximate.items()}
-    enough = fits.policy.claims.min_guessed_probability * sum(weight.values())
+    enough = MIN_GUESSED_PROBABILITY * sum(weight.values())
     return frozenset(g for g in fits.all_groups
                      if sum(w for s, w in weight.items() if g in s) > enough)
 
 
 def _penalty(fits: GroupFits, s: GroupSet) -> float:
     """Return -2 log of the prior of a set, and of the Laplace volume of its parameters."""
-    q = fits.policy.claims.prior_probability
     mine = [i for g in sorted(s) for i in fits.coordinates(g)]
     grouped = {i for g in fits.all_groups for i in fits.coordinates(g)}
     others = [i for i in range(len(fits.full.x)) if i not in grouped]
@@ -248,7 +260,7 @@ def _penalty(fits: GroupFits, s: GroupSet) -> float:
         return float(np.linalg.slogdet(fits.normal[np.ix_(some, some)])[1]) if len(some) else 0.0
 
     return (log_det([*others, *mine]) - log_det(others)
-            + 2.0 * len(s) * float(np.log((1.0 - q) / q)))
+            + 2.0 * len(s) * float(np.log(1.0 / PRIOR_PROBABILITY - 1.0)))
 
 
 def posterior_weights(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> FloatArray:
@@ -256,7 +268,7 @@ def posterior_weights(fits: GroupFits, sets: Sequence[GroupSet], seed: int) -> F
     # Bootstrap over units: each draw weighs the units by how often they were drawn, and gives a
     # posterior; their mean is less certain than one of all units.
     losses = np.stack([fits.losses(s) for s in sets], axis=1)
-    counts = draw_blocks(np.arange(len(losses)), fits.policy.claims.draws, seed)
+    counts = draw_blocks(np.arange(len(losses)), UNIT_DRAWS, seed)
     penalty = np.array([_penalty(fits, s) for s in sets])
     log = -counts @ losses / (2.0 * fits.phi) - 0.5 * penalty
     # Relative to the largest, so that exp does not underflow.

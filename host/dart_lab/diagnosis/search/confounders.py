@@ -3,9 +3,9 @@
 With D_b = J_b(other) - J_b(best), the difference of the losses on block b, another effect is a
 confounder of the best one if
 
-    gain(other) > min_gain_share gain(best)
+    gain(other) > MIN_GAIN_SHARE gain(best)
     cosine between the projected directions of both >= min_cosine
-    sum_b D_b < max(min_loss_difference, min_difference_stds sqrt(sum_b (D_b - mean D)^2))
+    sum_b D_b < max(MIN_LOSS_DIFFERENCE, min_difference_stds sqrt(sum_b (D_b - mean D)^2))
 """
 
 from __future__ import annotations
@@ -20,6 +20,11 @@ from ..evidence.rows import RowLabels
 from ..policy import ConfounderPolicy
 from .fit import Point
 from .scan import Trial
+
+# Share of the gain of the best effect; another one with less is not compared with it.
+MIN_GAIN_SHARE = 0.5
+# A smaller difference of losses is not significant, even if it is steady.
+MIN_LOSS_DIFFERENCE = 4.0
 
 
 def direction_function(point: Point) -> Callable[[Trial], FloatArray]:
@@ -44,7 +49,7 @@ def select_correlated(point: Point, best: Trial, trials: Sequence[Trial],
     direction = direction_function(point)
     best_direction = direction(best)
     return [t for t in trials if t.effect == best.effect or (
-        t.gain > policy.min_gain_share * best.gain
+        t.gain > MIN_GAIN_SHARE * best.gain
         and abs(float(direction(t) @ best_direction)) >= policy.min_cosine)]
 
 
@@ -70,6 +75,6 @@ def find_confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: R
         # An effect is distinguishable if its loss is larger by more than the noise.
         total = float(difference.sum())
         noise = float(np.sqrt(np.sum((difference - difference.mean())**2)))
-        if total < max(policy.min_loss_difference, policy.min_difference_stds * noise):
+        if total < max(MIN_LOSS_DIFFERENCE, policy.min_difference_stds * noise):
             out.append((total, trial.effect))
     return tuple(name for _, name in sorted(out))

@@ -37,6 +37,14 @@ from .selection import (
 Sweeps = Mapping[str, Sequence[Sweep]]
 # Fits of the base. The second is weighted by the residuals of the first.
 BASE_NOISE_PASSES = 2
+# Fits with a new effect, each with the noise that the last one leaves, until the sum of the log
+# standard deviations (15 of the motion, 4 of sensors) falls by less: 0.5 % of each.
+MAX_NOISE_PASSES = 5
+VOLUME_TOLERANCE = 0.1
+# Times that the noise is measured without the best explanation in a round; each halves the rest.
+MAX_NOISE_SEPARATIONS = 3
+# Thresholds; an effect with that statistic is not tested again when another one is added.
+CERTAIN_RATIO = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,17 +233,16 @@ class ForwardSearch:
         """Fit and measure the noise in turn, until both are consistent.
 
         With initial coordinates x: until the log volume of the noise decreases by less than
-        ``volume_tolerance``.
+        ``VOLUME_TOLERANCE``.
         """
         initial = x is None
-        policy = self._settings.policy.noise
-        passes = BASE_NOISE_PASSES if initial else policy.max_passes
+        passes = BASE_NOISE_PASSES if initial else MAX_NOISE_PASSES
         x = self._initial_coordinates(space, timing) if x is None else x
         noise = self._measure_training_noise(*space.split(x))
         point = refit(self._evidence, noise, space, x, jobs=self._settings.jobs)
         for _ in range(passes - 1):
             smaller = self._measure_training_noise(point.vehicle, point.timing)
-            if not initial and noise.log_volume - smaller.log_volume < policy.volume_tolerance:
+            if not initial and noise.log_volume - smaller.log_volume < VOLUME_TOLERANCE:
                 break
             noise = smaller
             point = refit(self._evidence, noise, space, point.x, point, jobs=self._settings.jobs)
@@ -252,23 +259,20 @@ class ForwardSearch:
 
         Returns the point, the noise, the trials, and the fits of the best trials.
         """
-        policy = self._settings.policy.naming
-        fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise),
-                               policy)
-        for _ in range(policy.max_sharpenings):
+        fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise))
+        for _ in range(MAX_NOISE_SEPARATIONS):
             best = lowest_loss_fit(point, fits.values())
             if best is point:
                 break
             sharper = self._measure_training_noise(best.vehicle, best.timing)
             gains = [self._loss(n, point) - self._loss(n, best) for n in (noise, sharper)]
-            if gains[1] <= policy.min_hidden_ratio * gains[0]:
+            if gains[1] <= self._settings.policy.naming.min_hidden_ratio * gains[0]:
                 break
             noise = sharper
             point = refit(self._evidence, noise, point.space, point.x, point,
                           jobs=self._settings.jobs)
             trials = self._scan(point)
-            fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise),
-                                   policy)
+            fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise))
         return point, noise, trials, fits
 
     def _loss(self, noise: Noise, point: Point) -> float:
@@ -291,7 +295,7 @@ class ForwardSearch:
         residuals = evidence.residuals(vehicle, timing)
         stamped = evidence.commands_stamped
         policy = self._settings.policy
-        r = remove_driven_motion(evidence, vehicle, residuals, policy.unexplained) if (
+        r = remove_driven_motion(evidence, vehicle, residuals) if (
             stamped and not evidence.has_mocap) else residuals
         age_change = age_sensitivity(evidence, vehicle, timing, residuals, policy.noise.age_s)
         return estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap,
@@ -357,7 +361,7 @@ class ForwardSearch:
         accepted = [*previous, new]
         for one in previous:
             parameters = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
-            limit = self._settings.policy.naming.certain_ratio * one.threshold
+            limit = CERTAIN_RATIO * one.threshold
             if point.wald_statistic(parameters) > limit:
                 continue
             without = self.remove_effect(self._evidence, noise, point, one.effect)

@@ -31,6 +31,7 @@ from ..evidence.residuals import Evidence, Residuals
 from ..policy import USUAL, ScanPolicy
 from .fit import Point
 from .size_search import (
+    LADDER,
     bracket_best_size,
     companion_values,
     find_onset,
@@ -43,6 +44,9 @@ from .size_search import (
 )
 
 Progress = Callable[[float, str], None]
+# Share of the gain that the changes of the last round predict: if the gain found differs by more,
+# all sizes are tried again (Shamanskii).
+SLOPE_TOLERANCE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +228,7 @@ class EffectScan:
         if best not in whitened:
             gains[best] = gain(best)
         expected = predicted[bracket[1]]
-        if abs(gains[best] - expected) > self._policy.slope_tolerance * expected:
+        if abs(gains[best] - expected) > SLOPE_TOLERANCE * expected:
             return None
         return Trial(effect.name, {**sweep.fixed, p.name: best}, gains[best], whitened[best],
                      (sweep,))
@@ -259,14 +263,14 @@ class EffectScan:
             return self._change_norm(whitened[k]) if k in whitened else np.inf
 
         # 1. The smallest steps of the ladder, on both sides.
-        near, far = ladder(parameter, self._policy.dense if parameter.tops else self._policy.ladder)
+        near, far = ladder(parameter)
         gains = {parameter.null: 0.0, near[0]: gain(near[0])}
         # 2. Unless both sides predict a negligible gain: larger sizes, a threshold, the maximum.
         if len(near) == 1 or not self._is_negligible_on_both_sides(parameter, near[0], whitened):
             gains |= {k: gain(k) for k in near[1:]}
             if needs_larger_sizes(gains, parameter, gain, self._policy):
                 gains |= {k: gain(k) for k in far}
-            while (k := next_larger_size(gains, parameter, self._policy.ladder[-1])) is not None:
+            while (k := next_larger_size(gains, parameter, LADDER[-1])) is not None:
                 gains[k] = gain(k)
             find_onset(gains, parameter, gain, change_norm, self._policy)
             refine_best_size(gains, parameter, gain, self._policy)

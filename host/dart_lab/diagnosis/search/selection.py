@@ -12,12 +12,16 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, label_rows
 from ..gates import Candidate, explain_failure, relative_size
-from ..policy import USUAL, NamingPolicy, Policy
-from .confounders import find_confounders
+from ..policy import USUAL, Policy
+from .confounders import MIN_GAIN_SHARE, find_confounders
 from .fit import Point
 from .pairs import FitEffect, find_masked_effect
 from .scan import Trial
 from .significance import simulate_null
+
+# Fits of a round to find the best explanation ...
+MAX_EXPLANATIONS = 3
+MIN_KEPT_SHARE = 0.5  # ... which reaches this share of the linearly predicted gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +81,19 @@ class SelectionStep:
     rejected: tuple[RejectedEffect, ...]
 
 
-def fit_best_trials(point: Point, trials: Sequence[Trial], fit_effect: FitEffect,
-                    policy: NamingPolicy) -> dict[str, Point]:
+def fit_best_trials(point: Point, trials: Sequence[Trial], fit_effect: FitEffect
+                    ) -> dict[str, Point]:
     """Fit the trials with the largest gain until one reaches half of the predicted gain; by effect.
 
     A linear prediction can be wrong for a large change. A trial with a wrong prediction must not
     decide which residuals remain after the best explanation.
     """
     fits: dict[str, Point] = {}
-    for trial in trials[:policy.explanations]:
+    for trial in trials[:MAX_EXPLANATIONS]:
         if trial.gain <= 0.0:
             break
         fits[trial.effect] = fit_effect(point, trial)
-        if point.loss() - fits[trial.effect].loss() > policy.min_kept_share * trial.gain:
+        if point.loss() - fits[trial.effect].loss() > MIN_KEPT_SHARE * trial.gain:
             break
     return fits
 
@@ -114,14 +118,13 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     """
     policy = settings.policy.naming
     rows = label_point_rows(evidence, point, settings.policy)
-    fits = dict(fit_best_trials(point, trials, fit_effect, policy) if explanations is None
+    fits = dict(fit_best_trials(point, trials, fit_effect) if explanations is None
                 else explanations)
     # 1. Residuals after the best explanation: those before would have the cause in them, and every
     #    threshold would be too high.
     rest = lowest_loss_fit(point, fits.values()).residual
     # 2. Gains of all effects if none is in the data.
-    null = simulate_null(point, rest, trials, rows.block, settings.seed, policy.draws,
-                              evidence.has_mocap)
+    null = simulate_null(point, rest, trials, rows.block, settings.seed, evidence.has_mocap)
     limits = null.gain_thresholds([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
@@ -149,8 +152,7 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
             if not reason:
                 rivals = find_confounders(point, trial, trials, rows, fits,
                                           settings.policy.confounders)
-                others = list_alternatives(trial, trials,
-                                           settings.policy.confounders.min_gain_share)
+                others = list_alternatives(trial, trials)
                 accepted = (AcceptedEffect(trial.effect, p, gain, candidate.threshold, rivals,
                                            others), fit)
         if reason:
@@ -163,10 +165,10 @@ def label_point_rows(evidence: Evidence, point: Point, policy: Policy) -> RowLab
     return label_rows(evidence, evidence.residuals(point.vehicle, point.timing), policy.blocks)
 
 
-def list_alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tuple[str, ...]:
-    """List the effects with at least a share of the gain of a trial."""
+def list_alternatives(trial: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
+    """List the effects with at least a share ``MIN_GAIN_SHARE`` of the gain of a trial."""
     return tuple(t.effect for t in trials
-                 if t is not trial and t.gain > max(0.0, share * trial.gain))
+                 if t is not trial and t.gain > max(0.0, MIN_GAIN_SHARE * trial.gain))
 
 
 def _candidate(p: Vehicle, trial: Trial, thresholds: Mapping[str, float]) -> Candidate:

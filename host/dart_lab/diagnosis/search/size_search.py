@@ -16,7 +16,25 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
 
-from ..policy import USUAL, ScanPolicy
+from ..policy import ScanPolicy
+
+# Shares of the medium size that are tried: small, medium, large.
+LADDER = (0.35, 1.0, 2.2)
+# The same for effects whose gain has several maxima over their size: steps of a fifth.
+DENSE_LADDER = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.1, 1.3, 1.6, 1.9, 2.2)
+# Share of the gain that a parabola predicts at its maximum: if the gain found there differs by
+# less, larger sizes are not tried.
+PEAK_TOLERANCE = 0.05
+# Parabola steps after the ladder; most end after one, as predicted.
+MAX_REFINEMENTS = 6
+# Share of a predicted gain: if at most so much of it is missing, the search for the size ends.
+PREDICTION_TOLERANCE = 0.02
+# Share of a size, between the best size and the next one that is tried.
+MIN_SIZE_STEP = 0.1
+# Bisections of an interval of sizes in which an effect may set in: to 1 / 32 of it.
+MAX_BISECTIONS = 5
+# Share of the change in proportion to that by a larger size: below, an effect may set in between.
+MIN_PROPORTION = 0.5
 
 
 def scanned_parameters(effect: Effect) -> Sequence[Parameter]:
@@ -31,9 +49,9 @@ def companion_values(effect: Effect) -> Sequence[Mapping[str, float]]:
     return [dict(zip((q.name for q in companions), v, strict=True)) for v in values]
 
 
-def ladder(p: Parameter, shares: Sequence[float] = USUAL.scan.ladder
-           ) -> tuple[list[float], list[float]]:
+def ladder(p: Parameter) -> tuple[list[float], list[float]]:
     """Sizes (near the null, beyond) at shares of the medium size, on both sides."""
+    shares = DENSE_LADDER if p.tops else LADDER
     steps = [[k for sign in (1.0, -1.0) if p.low <= (k := p.null + sign * share * p.sizes[1])
               <= p.high] for share in shares]
     return steps[0], [k for step in steps[1:] for k in step]
@@ -57,12 +75,12 @@ def needs_larger_sizes(gains: dict[float, float], p: Parameter, gain: Callable[[
     predicted = -0.25 * slope**2 / curvature
     if predicted <= policy.min_predicted_loss:
         return False
-    if abs(maximum) > policy.ladder[1] * p.sizes[1]:
+    if abs(maximum) > LADDER[1] * p.sizes[1]:
         return True
     # The maximum is near: try it, and trust the parabola if the gain is as predicted.
     k = float(np.clip(p.null + maximum, p.low, p.high))
     gains[k] = gain(k)
-    return bool(abs(gains[k] - predicted) > policy.peak_tolerance * predicted)
+    return bool(abs(gains[k] - predicted) > PEAK_TOLERANCE * predicted)
 
 
 def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[float, FloatArray],
@@ -77,7 +95,7 @@ def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[f
     if not p.low < p.null < p.high:
         # One-sided: the change grows less than in proportion, so there may be a threshold.
         near, far = (float(np.linalg.norm(changes[k])) for k in ks[1:])
-        if near < policy.threshold * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
+        if near < MIN_PROPORTION * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
             return True
     # Maximum of the parabola gain(k) = slope k + curvature k^2 within the bounds.
     curvature, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
@@ -106,7 +124,7 @@ def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], 
     """
     if p.low < p.null < p.high:
         return
-    for _ in range(policy.bisections):
+    for _ in range(MAX_BISECTIONS):
         ks = sorted(gains, key=lambda k: abs(k - p.null))
         # First size with a loss, and the size before it.
         larger = next((i for i, k in enumerate(ks) if gains[k] < 0.0), 0)
@@ -115,7 +133,7 @@ def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], 
         near = ks[larger - 1]
         far = ks[larger]
         share = (near - p.null) / (far - p.null)
-        if change_norm(near) > policy.threshold * share * change_norm(far):
+        if change_norm(near) > MIN_PROPORTION * share * change_norm(far):
             return
         gains[0.5 * (near + far)] = gain(0.5 * (near + far))
 
@@ -123,19 +141,19 @@ def find_onset(gains: dict[float, float], p: Parameter, gain: Callable[[float], 
 def refine_best_size(gains: dict[float, float], p: Parameter, gain: Callable[[float], float],
                      policy: ScanPolicy) -> None:
     """Find the best size: by parabolas, and by bisection if a parabola predicts a wrong gain."""
-    for _ in range(policy.refinements):
+    for _ in range(MAX_REFINEMENTS):
         bracket = bracket_best_size(gains)
         if bracket is None or gains[bracket[1]] <= policy.min_predicted_loss:
             return
         maximum, predicted = parabola_maximum(gains, bracket)
         if maximum not in gains:
             gains[maximum] = gain(maximum)
-        if gains[maximum] >= (1.0 - policy.prediction_tolerance) * predicted:
+        if gains[maximum] >= (1.0 - PREDICTION_TOLERANCE) * predicted:
             return
         # The prediction failed: halve the wider side of the bracket.
         a, b, c = bracket_best_size(gains) or bracket
         wider = a if b - a > c - b else c
-        if abs(wider - b) < policy.min_size_step * abs(b - p.null):
+        if abs(wider - b) < MIN_SIZE_STEP * abs(b - p.null):
             return
         gains[0.5 * (b + wider)] = gain(0.5 * (b + wider))
 

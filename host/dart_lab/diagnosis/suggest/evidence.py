@@ -20,6 +20,8 @@ from ..evidence.space import MessageTiming
 from ..policy import Policy
 from .virtual import COMMAND_AGE
 
+GYRO_NOISE = 0.004  # rad/s of a car at rest, if the data have no rest
+NOISE_RUN = 4  # rows in a row that noise is drawn in: windows of 2 s
 BLOCK_LABEL_OFFSET = 10**9  # makes the labels of blocks of a new drive unique
 MOCAP = "motion capture"
 ONBOARD = "on-board sensors"
@@ -56,10 +58,8 @@ class Setting:
 
     def draw_noise(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
         """Draw noise for every row of an evidence."""
-        run = self.policy.suggest.run
-        return Residuals(_draw_runs(self.final_residuals.motion, len(evidence.motion_drive), rng,
-                                    run), _draw_runs(self.final_residuals.sensors,
-                                                     len(evidence.sensor_drive), rng, run))
+        return Residuals(_draw_runs(self.final_residuals.motion, len(evidence.motion_drive), rng),
+                         _draw_runs(self.final_residuals.sensors, len(evidence.sensor_drive), rng))
 
     def measure_joint_noise(self, evidence: Evidence, base: Vehicle, truth: Vehicle,
                             rng: np.random.Generator) -> Noise:
@@ -95,7 +95,7 @@ def make_setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Messa
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
     if needs == ONBOARD and not any(drive.at_rest.any() for drive in evidence.drives):
         # Without a standstill the noise of the gyro is unknown: use that of the policy.
-        quiet = policy.suggest.gyro_noise * np.random.default_rng(0).normal(size=len(r.sensors))
+        quiet = GYRO_NOISE * np.random.default_rng(0).normal(size=len(r.sensors))
         r, base_residuals = (replace(x, sensors=np.column_stack(
             [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, base_residuals))
     blocks = evidence.blocks(policy.blocks.seconds)
@@ -120,11 +120,11 @@ def _noise_scale(evidence: Evidence) -> FloatArray:
     return np.asarray(np.median([drive.noise_scale for drive in evidence.drives], axis=0))
 
 
-def _draw_runs(rows: FloatArray, n: int, rng: np.random.Generator, run: int) -> FloatArray:
+def _draw_runs(rows: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
     """Draw n of the rows (m, c) in runs of correlated noise; each run with a random sign."""
     if not n or not len(rows):
         return np.zeros((n, rows.shape[1]))
-    starts = rng.integers(0, max(len(rows) - run, 1), n // run + 1)
-    index = np.minimum(starts[:, None] + np.arange(run), len(rows) - 1)
+    starts = rng.integers(0, max(len(rows) - NOISE_RUN, 1), n // NOISE_RUN + 1)
+    index = np.minimum(starts[:, None] + np.arange(NOISE_RUN), len(rows) - 1)
     sign = rng.choice([-1.0, 1.0], len(starts))
     return np.asarray((rows[index] * sign[:, None, None]).reshape(-1, rows.shape[1])[:n])

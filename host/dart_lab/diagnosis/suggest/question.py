@@ -22,6 +22,7 @@ from .evidence import Setting, make_setting, select_onboard
 from .side import RecordingComparison
 from .sizes import SizeLossCurves
 
+MAX_CONFOUNDERS = 4  # of one cause that are looked at, the nearest ones
 TIMING_ITERATIONS = 3  # linear steps of the timing
 
 
@@ -53,7 +54,7 @@ class ConfounderQuestion:
 def make_question(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) -> ConfounderQuestion:
     """Make the question that a diagnosis leaves open about one of its causes."""
     others = [name for name in cause.cannot_be_told_from if name in catalogue()]
-    others = others[:policy.suggest.confounders]
+    others = others[:MAX_CONFOUNDERS]
     full = diagnosis.extended
     evidence = diagnosis.evidence
     base = remove_effects(full, [cause.effect])

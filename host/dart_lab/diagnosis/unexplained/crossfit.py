@@ -23,6 +23,10 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
+RIDGE = 10.0  # of residuals of size 1: structure of a tenth of the variance
+FOLDS = 8  # of blocks: 7 of 8 to fit
+MIN_BLOCKS = 10  # 2^10 ways to turn signs: enough for a level of 1 %
+
 
 @dataclass(frozen=True, slots=True)
 class BlockedResiduals:
@@ -37,8 +41,7 @@ class BlockedResiduals:
     fold: IntArray
 
 
-def predicted_share(columns: FloatArray, rows: BlockedResiduals, signs: FloatArray, ridge: float
-                    ) -> FloatArray:
+def predicted_share(columns: FloatArray, rows: BlockedResiduals, signs: FloatArray) -> FloatArray:
     """Explained share of the variance on the test folds, (s, c), for each set of signs (s, B).
 
     columns (n, d): basis functions. Negative if the function predicts worse than zero.
@@ -52,7 +55,7 @@ def predicted_share(columns: FloatArray, rows: BlockedResiduals, signs: FloatArr
     sums = np.stack([np.add.reduceat(phi * one[:, None], first) for one in y.T])
     parts = [(phi[fold == k].T @ phi[fold == k], fold[first] == k) for k in np.unique(fold)]
     # G by fold: the Gram matrix without the fold.
-    gram = sum(a for a, _ in parts) + ridge * np.eye(phi.shape[1])
+    gram = sum(a for a, _ in parts) + RIDGE * np.eye(phi.shape[1])
     inverse = [np.linalg.inv(gram - a) for a, _ in parts]
     explain = _by_form if _is_form_faster(len(first), phi.shape[1], len(parts),
                                           len(signs)) else _by_fold
@@ -95,24 +98,23 @@ def _by_fold(sums: FloatArray, folds: Sequence[Fold], signs: FloatArray) -> Floa
     return explained
 
 
-def predict_held_out(columns: FloatArray, y: FloatArray, fold: IntArray, ridge: float
-             ) -> FloatArray:
+def predict_held_out(columns: FloatArray, y: FloatArray, fold: IntArray) -> FloatArray:
     """Predict y (n,) on each fold from the other folds, (n,)."""
     out = np.empty(len(y))
     for k in np.unique(fold):
         test = fold == k
-        out[test] = columns[test] @ _ridge(columns[~test], y[~test], ridge)
+        out[test] = columns[test] @ _ridge(columns[~test], y[~test])
     return out
 
 
-def fit_function(columns: FloatArray, y: FloatArray, ridge: float) -> FloatArray:
+def fit_function(columns: FloatArray, y: FloatArray) -> FloatArray:
     """Fit a function to all of y (n,), and return its values (n,)."""
-    return np.asarray(columns @ _ridge(columns, y, ridge))
+    return np.asarray(columns @ _ridge(columns, y))
 
 
-def _ridge(columns: FloatArray, y: FloatArray, ridge: float) -> FloatArray:
+def _ridge(columns: FloatArray, y: FloatArray) -> FloatArray:
     """Coefficients (d,) of a ridge regression."""
-    gram = columns.T @ columns + ridge * np.eye(columns.shape[1])
+    gram = columns.T @ columns + RIDGE * np.eye(columns.shape[1])
     return np.asarray(np.linalg.solve(gram, columns.T @ y))
 
 

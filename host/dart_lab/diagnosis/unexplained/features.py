@@ -23,6 +23,7 @@ from ..evidence.drive import READ_OUTS, RecordedDrive
 from ..evidence.readings import ENCODER_SAMPLES
 from ..evidence.residuals import Evidence
 
+MAX_STRAIGHT_ANGLE = 0.03  # rad of steering; half of it is neither left nor right
 # Every feature and its unit. steering_angle: of the road wheels, after delay, lag and map;
 # steering_rate: its mean change; time: since the start of the recording; heading: -pi to pi;
 # revolution_angle: of the gear with the encoder, 0 to 1; direction: 1 left, -1 right, 0 straight;
@@ -55,18 +56,17 @@ def message_features(evidence: Evidence, p: Vehicle) -> Features:
                                                      d.message_samples))
 
 
-def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
+def exogenous(p: Vehicle, features: Features) -> Features:
     """Select features that the disturbance itself does not change, and recompute two of them.
 
     A gust accelerates the car and makes it faster than predicted: residual and measured
     acceleration are correlated although the model is right. Lateral acceleration and direction are
-    therefore computed from speed and steering. straight [rad]: steering angle; below half of it the
-    direction is 0.
+    therefore computed from speed and steering. The direction is 0 below half of MAX_STRAIGHT_ANGLE.
     """
     keep = {k: v for k, v in features.items() if k not in ("acceleration", "yaw_rate")}
     keep["lateral_acceleration"] = (keep["speed"]**2 * np.tan(keep["steering_angle"])
                                     / p.body.wheelbase)
-    keep["direction"] = np.sign(np.round(keep["steering_angle"] / straight))
+    keep["direction"] = np.sign(np.round(keep["steering_angle"] / MAX_STRAIGHT_ANGLE))
     return keep
 
 

@@ -28,6 +28,8 @@ from ..policy import BLOCK_S, CLIP, TAIL, USUAL, UnexplainedPolicy
 from ..result import Unexplained
 from .bases import basis_functions, list_variable_sets
 from .crossfit import (
+    FOLDS,
+    MIN_BLOCKS,
     BlockedResiduals,
     fit_function,
     normal_scores,
@@ -40,6 +42,12 @@ from .waves import WAVE_SETS, WAVES, find_wave, phase_labels, wave_shares
 READ_OUT_INDEX = 2  # at 0.5 s, the distance between windows of short recordings
 CHANNEL_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
+MAX_BLOCKS = 200  # longer ones for longer data: the cost is by the block
+MIN_RECORDINGS = 3  # from which on they are left out whole
+MEDIAN_FLIPS = 49  # data sets with turned signs; the median share is what chance explains
+# Times the level: if the p-value by a tenth of the flips is above, the others are not made. A
+# p-value at the level is then missed once in 300.
+FIRST_LEVEL_RATIO = 6.0
 WAVES_RANK = 9  # larger than the size of any set of variables
 WITHIN_RECORDING = ("time", "recording")  # need not generalise to another recording
 
@@ -116,7 +124,7 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
     # Length of the recordings, as if windows were 0.5 s apart and messages 0.1 s; it only limits
     # the number of blocks.
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
-    length = max(BLOCK_S, seconds / policy.max_blocks)
+    length = max(BLOCK_S, seconds / MAX_BLOCKS)
     windows, messages = evidence.blocks(length)
     names: tuple[str, ...] = MOTION
     motion = slice(READ_OUT_INDEX * len(MOTION), (READ_OUT_INDEX + 1) * len(MOTION))
@@ -129,9 +137,8 @@ def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise:
     certain = np.broadcast_to(noise.age_scale, residuals.motion.shape)[:, motion]
     x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
-    window_values = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT_INDEX]),
-                              policy.max_straight_angle)
-    message_values = exogenous(p, message_features(evidence, p), policy.max_straight_angle)
+    window_values = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT_INDEX]))
+    message_values = exogenous(p, message_features(evidence, p))
     del message_values["steering_rate"]  # mocap and sensors smooth the start of a turn differently
     drives = tuple(d.recording.name for d in evidence.drives)
     readings = noise.whiten(residuals)[1][:, sensors]
@@ -171,7 +178,7 @@ def _search_significant(groups: list[ResidualGroup], seed: int, level: float,
     found = None
     # A tenth of the flips is enough to see that nothing can be significant, which is so for most
     # data.
-    for flips, max_p_value in ((1.0, policy.first_level_ratio * level), (10.0, level)):
+    for flips, max_p_value in ((1.0, FIRST_LEVEL_RATIO * level), (10.0, level)):
         found = _compute_shares(groups, seed, math.ceil(flips / level) - 1, policy)
         if found is None or not ((found.p_values(policy.max_null_ratio) <= max_p_value)
                                  & (found.share >= found.min_share)).any():
@@ -187,7 +194,7 @@ def explained_shares(groups: list[ResidualGroup], seed: int = 0,
     for fewer windows.
     """
     out = {channel: 0.0 for group in groups for channel in group.channels}
-    found = _compute_shares(groups, seed, policy.sign_flips, policy)
+    found = _compute_shares(groups, seed, MEDIAN_FLIPS, policy)
     if found is None:
         return out
     for channel in out:
@@ -211,7 +218,7 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
     min_shares = []
     for group in groups:
         present, block = np.unique(group.block, return_inverse=True)
-        if len(present) >= policy.min_blocks:
+        if len(present) >= MIN_BLOCKS:
             own_signs = signs[:, np.searchsorted(labels, present)]
             table, variable_sets = _group_shares(group, block, own_signs, rng, policy)
             tables.append(table)
@@ -244,7 +251,7 @@ def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
     """Shares (1 + 2 s, sets x channels): observed, flipped, flipped remainder; and the sets."""
     features = _features(group)
     y = _centre(group, CLIP)
-    within, across = _folds(group, block, rng, policy)
+    within, across = _folds(group, block, rng)
     variable_sets = list_variable_sets(features)
     columns = [basis_functions(features, variables, TAIL) for variables in variable_sets]
     folds = [within if set(variables) & set(WITHIN_RECORDING) else across
@@ -252,9 +259,8 @@ def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
     _, recording = np.unique(group.recording, return_inverse=True)
 
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
-        return np.stack([*(predicted_share(phi, BlockedResiduals(y, block, fold), signs,
-                                           policy.ridge) for phi, fold in zip(columns, folds,
-                                                                              strict=True)),
+        return np.stack([*(predicted_share(phi, BlockedResiduals(y, block, fold), signs)
+                           for phi, fold in zip(columns, folds, strict=True)),
                          *(wave_shares(y, block, features[name], phase_labels(name, recording),
                                        signs, policy.max_waves) for name, _ in WAVE_SETS)], axis=1)
 
@@ -264,7 +270,7 @@ def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
     remaining = y.copy()
     for i, best in enumerate(share[0, :len(variable_sets)].argmax(axis=0)):
         if share[0, best, i] > 0.0:
-            remaining[:, i] -= predict_held_out(columns[best], y[:, i], folds[best], policy.ridge)
+            remaining[:, i] -= predict_held_out(columns[best], y[:, i], folds[best])
     both = np.concatenate([share, table(remaining, signs)])
     return both.reshape(len(both), -1), [*variable_sets, *WAVE_SETS]
 
@@ -282,16 +288,16 @@ def _centre(group: ResidualGroup, clip: float) -> FloatArray:
     return np.asarray(y - y.mean(axis=0))
 
 
-def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator,
-           policy: UnexplainedPolicy) -> tuple[IntArray, IntArray]:
+def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator
+           ) -> tuple[IntArray, IntArray]:
     """Test folds of blocks, and of whole recordings if there are enough, (n,) both."""
     # Random folds of blocks, and folds of whole recordings: these test whether a function also
     # holds in another recording.
-    within = rng.permutation(np.arange(block.max() + 1) % policy.folds)[block]
+    within = rng.permutation(np.arange(block.max() + 1) % FOLDS)[block]
     _, recording = np.unique(group.recording, return_inverse=True)
-    if recording.max() + 1 < policy.min_recordings:
+    if recording.max() + 1 < MIN_RECORDINGS:
         return within, within
-    return within, np.asarray(recording % policy.folds)
+    return within, np.asarray(recording % FOLDS)
 
 
 def _simplest(share: Mapping[tuple[str, ...], float], policy: UnexplainedPolicy
@@ -324,8 +330,7 @@ def _describe(group: ResidualGroup, channel: int, variables: tuple[str, ...],
         size *= float(np.median(group.size[:, channel]))
         direction = "of way" if variables[0] == "way" else f"along {variables[0]} of the room"
         return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {direction}"
-    curve = fit_function(basis_functions(features, variables, TAIL), y,
-                         policy.ridge) * group.size[:, channel]
+    curve = fit_function(basis_functions(features, variables, TAIL), y) * group.size[:, channel]
     ends = []
     for row in (int(np.argmax(curve)), int(np.argmin(curve))):
         where = ", ".join(f"{n} {_value(group, n, features[n][row])}" for n in variables)
