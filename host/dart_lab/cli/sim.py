@@ -74,6 +74,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
     if against is not None and not show:
         raise UsageError("--against marks by the truth", found="--against without --reveal",
                          expected="--reveal --against CARS")
+    # One of three tasks: mark measurements, print the truth, serve the car.
     if against is not None:
         _mark(parsed, against, as_json)
     elif show:
