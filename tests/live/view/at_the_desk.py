@@ -63,6 +63,10 @@ class AtTheDesk:
     def hold(self, page="one", throttle=1.0, old=ON_THE_WAY, unchanged=0.0):
         self.send_message(page, m.DriveRequest(0.0, throttle, self.now() - old, unchanged))
 
+    def watch(self, page="one"):
+        """The stick is released, and the page goes on watching."""
+        self.send_message(page, m.Release(self.now() - ON_THE_WAY))
+
     def take_and_arm(self, page="one"):
         self.send_message(page, m.Take(TOKEN))
         self.send_message(page, m.Arm())

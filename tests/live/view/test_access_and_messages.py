@@ -18,7 +18,7 @@ from dart_lab.live.view.operator import MAX_WRONG_TOKENS, Operator, Refused
 
 
 @pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.DriveRequest(0.5, -1.0, 3.25),
-                                     m.Release(), m.Record(True)])
+                                     m.Release(), m.Release(3.5), m.Record(True)])
 def test_what_a_page_may_send_is_read_back(message):
     assert parse_message(msgspec.json.encode(message)) == message
 

@@ -17,12 +17,18 @@ pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 NEUTRAL_AFTER_S = 0.250
 
 
+def hides_later(browser):
+    browser.let_go()
+    time.sleep(0.5)
+    hides(browser)
+
+
 def hides(browser):
     browser.run("Object.defineProperty(document, 'hidden', {get: () => true});"
                 "document.dispatchEvent(new Event('visibilitychange'))")
 
 
-ENDS_IN_BROWSER = {"let go": Browser.let_go, "hidden": hides,
+ENDS_IN_BROWSER = {"let go": Browser.let_go, "hidden": hides, "hidden later": hides_later,
                    "away": lambda browser: browser.run("location.href = 'about:blank'")}
 
 
@@ -34,11 +40,25 @@ def test_it_drives_while_the_stick_is_held_and_not_longer(browsers, how):
         drives_off(one, page, car)
         ended = car.now
         ENDS_IN_BROWSER[how](one)
+        if how == "let go":
+            time.sleep(0.3)
+            assert car.mode == "ARMED", "until it has been released for 10 s"
         t_sent = car.now  # the browser has acted by now
         time.sleep(0.8)
         assert driving(page.pulses, ended - 0.1), "it drove until then"
         assert max(fall for _, fall in driving(page.pulses, 0.0)) - t_sent <= NEUTRAL_AFTER_S
-        assert car.mode != "ARMED"
+        if how == "let go":
+            assert drives_again(one, car, page)
+        else:
+            assert car.mode != "ARMED"
+
+
+def drives_again(browser, car, page):
+    """Hold the stick again, without arming."""
+    began = car.now
+    browser.hold()
+    time.sleep(0.5)
+    return driving(page.pulses, began)
 
 
 def test_a_page_that_hangs_drives_no_longer(browsers):

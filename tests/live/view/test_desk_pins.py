@@ -33,14 +33,14 @@ def end_of_hold(how, seed=1):
     return seat.last_driving(ended), seat
 
 
-ENDS_OF_DRIVING = {"released": lambda seat: seat.send_message("one", m.Release()),
+ENDS_OF_DRIVING = {"hidden": lambda seat: seat.send_message("one", m.Release()),
                    "gone": lambda seat: seat.desk.close_page("one"),
                    "left": lambda seat: seat.send_message("one", m.Leave()),
                    "stopped by another": lambda seat: seat.send_message("two", m.Stop())}
 
 
 @pytest.mark.parametrize("how", ENDS_OF_DRIVING)
-@pytest.mark.slow_except("released", "gone")
+@pytest.mark.slow_except("hidden", "gone")
 def test_an_end_that_is_reported_is_at_the_pin_at_once(how):
     last, seat = end_of_hold(ENDS_OF_DRIVING[how])
     assert last <= REPORTED_END_S
@@ -60,8 +60,97 @@ def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
 
 
 def test_control_a_release_that_is_not_received_shows_at_the_pin(monkeypatch):
-    monkeypatch.setattr(Operator, "release", lambda self, page: None)
-    assert end_of_hold(ENDS_OF_DRIVING["released"])[0] > REPORTED_END_S
+    monkeypatch.setattr(Operator, "release", lambda *args: None)
+    assert end_of_hold(ENDS_OF_DRIVING["hidden"])[0] > REPORTED_END_S
+    assert release_and_wait(0.6)[0] > REPORTED_END_S
+
+
+def release_and_wait(seconds):
+    """Release the stick of a car that drives, and watch it; (s until neutral, what happened)."""
+    seat = AtTheDesk()
+    seat.take_and_arm()
+    seat.drive(0.5, lambda t: seat.hold())
+    ended = seat.now()
+    assert seat.driving(ended - 0.1), "it drove until then"
+    seat.drive(seconds, lambda t: seat.watch())
+    return seat.last_driving(ended), seat
+
+
+def test_a_released_stick_is_neutral_at_once_and_holding_it_drives_again():
+    last, seat = release_and_wait(9.5)
+    assert last <= REPORTED_END_S
+    assert seat.car.mode == "ARMED"
+    began = seat.now()
+    seat.drive(0.3, lambda t: seat.hold())
+    assert seat.driving(began)
+    seat.drive(9.5, lambda t: seat.watch())
+    assert seat.car.mode == "ARMED", "each hold starts the 10 s again"
+
+
+def test_a_stick_that_stays_released_disarms_after_ten_seconds():
+    _, seat = release_and_wait(9.9)
+    assert seat.car.mode == "ARMED"
+    seat.drive(0.2, lambda t: seat.watch())
+    assert seat.car.mode == "DISARMED"
+    assert seat.list_texts()[-1] == "the stick was not held for 10 s: arm to drive again"
+    began = seat.now()
+    seat.drive(0.5, lambda t: seat.hold())
+    assert seat.driving(began) == []
+
+
+def test_control_without_that_limit_it_stays_armed(monkeypatch):
+    monkeypatch.setattr(operator, "MAX_RELEASED_S", 1e9)
+    assert release_and_wait(11.0)[1].car.mode == "ARMED"
+
+
+def test_a_car_that_is_armed_and_never_driven_disarms_after_ten_seconds():
+    with AtTheDesk() as seat:
+        seat.take_and_arm()
+        seat.drive(10.2, lambda t: seat.watch())
+        assert seat.car.mode == "DISARMED"
+
+
+ENDS_OF_WATCHING = {**ENDS_OF_DRIVING, "silent": lambda seat: None}
+
+
+@pytest.mark.parametrize("how", ENDS_OF_WATCHING)
+def test_a_released_stick_ends_with_its_page(how):
+    _, seat = release_and_wait(2.0)
+    ENDS_OF_WATCHING[how](seat)
+    seat.drive(SILENT_PAGE_LIMIT_S)
+    assert seat.car.mode != "ARMED"
+    began = seat.now()
+    if how in ("hidden", "silent"):
+        seat.drive(0.5, lambda t: seat.hold())
+    assert seat.driving(began) == []
+
+
+def test_control_without_an_age_limit_a_silent_page_keeps_the_car_armed(monkeypatch):
+    monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 1e9)
+    _, seat = release_and_wait(2.0)
+    seat.drive(SILENT_PAGE_LIMIT_S)
+    assert seat.car.mode == "ARMED"
+
+
+def test_a_page_that_is_hidden_while_the_car_arms_ends_the_arming():
+    with AtTheDesk() as seat:
+        seat.send_message("one", m.Take("right"))
+        seat.send_message("one", m.Arm())
+        begun = seat.now()
+        seat.drive(2.0, lambda t: seat.send_message("one", m.Release())
+                   if 0.4 < t - begun < 0.415 else None)
+        assert "ARMED" not in [mode for _, mode in seat.modes]
+
+
+def test_a_stick_that_is_released_after_a_stop_arms_nothing():
+    _, seat = release_and_wait(1.0)
+    seat.send_message("two", m.Stop())
+    texts = len(seat.list_texts())
+    stopped = seat.now()
+    seat.drive(1.0, lambda t: seat.watch())
+    assert seat.car.mode != "ARMED"
+    assert seat.driving(stopped + REPORTED_END_S) == []
+    assert seat.list_texts()[texts:] == ["STOP was pressed at a page"], "and no other notice"
 
 
 def still_hand(seconds=3.0):
@@ -124,7 +213,7 @@ def test_a_stick_that_is_held_while_it_arms_moves_nothing():
         seat.drive(2.0, lambda t: seat.hold())
         assert seat.car.mode == "ARMED"
         assert seat.driving(0.0) == []
-        seat.send_message("one", m.Release())
+        seat.watch()
         seat.drive(0.3, lambda t: seat.hold())
         assert seat.driving(0.0)
 

@@ -24,7 +24,7 @@ from dart_hal.core.types import Scan, State
 from dart_hal.fleet.peers import OtherPose
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
-from dart_lab.live.view.operator import Operator, Refused
+from dart_lab.live.view.operator import MAX_RELEASED_S, Operator, Refused
 from dart_lab.live.view.rows import Row, scan_points, state_row
 from dart_lab.live.view.told import (
     Lines,
@@ -45,6 +45,10 @@ MAX_QUEUED_ROWS = 1000
 RETRY_PERIOD_S = 0.2
 _json = msgspec.json.encode
 Others = Callable[[], Mapping[str, OtherPose]]
+# Texts of the ends of a drive, by ``Operator.take_end_reason``.
+END_TEXTS = {"released": "the page was hidden, or its stick was released",
+             "gone": "the page that drove has left", "silent": "the page that drove fell silent",
+             "idle": f"the stick was not held for {MAX_RELEASED_S:.0f} s"}
 TAKEN_MESSAGE = '{"type":"yours"}'
 
 
@@ -79,6 +83,7 @@ class Desk:
         self._logged: dict[str, float] = {}
         self._status_sent_at = -inf
         self._stopped_until = -inf
+        self._arm_requested = False
         self._closed = False
         self._error = ""
         self.pages = 0
@@ -134,8 +139,8 @@ class Desk:
         try:
             arming = self.car.arming(waive=self._waive)
             for _ in arming:
-                # The page that requested arming has left.
-                if self.operator.page is not driver:
+                # The page that requested arming has left, or is hidden.
+                if self.operator.page is not driver or not self._arm_requested:
                     self.car.stop()
                     return
         except NotArmed as why:
@@ -179,12 +184,15 @@ class Desk:
             if isinstance(message, m.Leave):
                 self.operator.remove_page(page)
             elif isinstance(message, m.Release):
-                self.operator.release(page)
+                self.operator.release(page, message.heard, now, self.car.mode)
+                if message.heard is None and page == self.operator.page:
+                    self._arm_requested = False
             elif isinstance(message, m.DriveRequest):
                 self.operator.drive(page, message.steering, message.throttle, message.heard,
                                     now, message.unchanged)
             else:
                 self.operator.check(page)
+                self._arm_requested |= isinstance(message, m.Arm)
                 self._requests.append(message)
         self._end_drive()
         return None
@@ -266,7 +274,4 @@ class Desk:
             self._report(refusal)
         if why:
             self.car.stop()
-            self._report({"released": "the stick was released", "gone": "the page that drove has "
-                                                                        "left",
-                          "silent": "the page that drove fell silent"}[why]
-                         + ": arm to drive again")
+            self._report(f"{END_TEXTS[why]}: arm to drive again")

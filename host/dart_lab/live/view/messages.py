@@ -51,7 +51,13 @@ class DriveRequest(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
 
 
 class Release(msgspec.Struct, tag="release", forbid_unknown_fields=True):
-    """The stick was released."""
+    """The stick is released: neutral throttle.
+
+    heard: as of DriveRequest. A page repeats the message while it watches the car, which stays
+    armed. None: the page is hidden or left, which ends the drive.
+    """
+
+    heard: float | None = None
 
 
 class Record(msgspec.Struct, tag="record", forbid_unknown_fields=True):
@@ -77,7 +83,7 @@ def parse_message(data: str | bytes) -> Message:
         message: Message = _decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
         raise MalformedMessage(str(why)) from why
-    if isinstance(message, DriveRequest) and not all(
-            map(isfinite, msgspec.structs.astuple(message))):
+    if isinstance(message, DriveRequest | Release) and not all(
+            isfinite(value) for value in msgspec.structs.astuple(message) if value is not None):
         raise MalformedMessage("steering, throttle and times must be finite numbers")
     return message

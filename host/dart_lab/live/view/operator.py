@@ -8,6 +8,10 @@ the drive has ended, and the user has to arm again.
 **Stuck input.** A page sends commands in a loop, also while its input reports nothing: a gamepad
 out of range, a mouse or a keyboard that hangs. So it also sends the time since the last report of
 the input. Beyond MAX_UNCHANGED_S the throttle is neutral until the input was released.
+
+**Released stick.** The throttle is neutral and the drive goes on: the page repeats that its stick
+is released, and holding it drives again. After MAX_RELEASED_S the drive has ended. It ends at once
+if the page falls silent, is hidden or leaves.
 """
 
 from __future__ import annotations
@@ -22,6 +26,8 @@ from dart_lab.live.view.access import Access
 # pulse (22 ms) the motor's pulse is neutral within 250 ms after a page falls silent. A page that
 # receives and answers 30 times a second uses 67 ms; the rest is for the network.
 MAX_COMMAND_AGE_S = 0.2
+# Time for which a car stays armed with a released stick.
+MAX_RELEASED_S = 10.0
 # Wrong tokens of one page until its connection is closed.
 MAX_WRONG_TOKENS = 5
 
@@ -54,6 +60,8 @@ class Operator:
         self._valid_until = 0.0
         self._end_reason = ""
         self._released = True
+        # Time of the release of the stick [s]; None while it is held.
+        self._released_at: float | None = None
         self._input = InputAge(MAX_UNCHANGED_S)
         self._input_is_stuck = False
         self._refusal = ""
@@ -91,18 +99,36 @@ class Operator:
         if throttle != 0.0 and self._input.is_over(now) and not self._input_is_stuck:
             self._input_is_stuck = True
             self._refusal = (f"the stick, keys or gamepad did not change for {MAX_UNCHANGED_S} s: "
-                             "the throttle is neutral; release, arm and hold again")
+                             "the throttle is neutral; release and hold again")
         if self._input_is_stuck:
             throttle = 0.0
         self._command = (min(1.0, max(-1.0, steering)), min(1.0, max(-1.0, throttle)))
         self._valid_until = heard + MAX_COMMAND_AGE_S
+        self._released_at = None
 
-    def release(self, page: Hashable) -> None:
-        """End the drive because the stick was released; the page may drive again."""
-        if page == self.page:
-            self._released = True
-            self._input_is_stuck = False
-            self._end("released")
+    def release(self, page: Hashable, heard: float | None = None, now: float = 0.0,
+                mode: str = "") -> None:
+        """Set the throttle of the command to neutral because the stick is released.
+
+        heard: None ends the drive. mode: of the car.
+        """
+        if page != self.page:
+            return
+        self._released = True
+        self._input_is_stuck = False
+        if heard is None:
+            self._end("released", always=mode == "ARMED")
+            return
+        # A drive that has just ended is not continued.
+        if mode != "ARMED" or self._end_reason:
+            self._command = None
+            self._released_at = None
+            return
+        if self._released_at is None:
+            self._released_at = now
+        steering = self._command[0] if self._command is not None else 0.0
+        self._command = (steering, 0.0)
+        self._valid_until = min(heard, now) + MAX_COMMAND_AGE_S
 
     def remove_page(self, page: Hashable) -> None:
         """Remove a page that left or whose socket closed."""
@@ -115,6 +141,7 @@ class Operator:
         """Drop the command; a stick that is held has no effect until it was released."""
         self._command = None
         self._released = False
+        self._released_at = None
 
     def require_release(self) -> None:
         """Require that a stick held during arming is released before it has an effect."""
@@ -128,10 +155,13 @@ class Operator:
         if now >= self._valid_until:
             self._end("silent")
             return None
+        if self._released_at is not None and now - self._released_at >= MAX_RELEASED_S:
+            self._end("idle")
+            return None
         return PageCommand(*self._command, self._valid_until - now)
 
     def take_end_reason(self) -> str:
-        """Return and clear why a drive ended: released, gone, silent; "" if none did."""
+        """Return and clear why a drive ended: released, gone, silent, idle; "" if none did."""
         reason = self._end_reason
         self._end_reason = ""
         return reason
@@ -142,7 +172,8 @@ class Operator:
         self._refusal = ""
         return reason
 
-    def _end(self, why: str) -> None:
-        if self._command is not None:
+    def _end(self, why: str, always: bool = False) -> None:
+        if self._command is not None or always:
             self._command = None
+            self._released_at = None
             self._end_reason = why

@@ -126,12 +126,12 @@
   setInterval(() => {
     if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT_AFTER_MS) setBadge("no news");
     const position = Stick.read();
-    if (!isDriver || heard === null) { holding = false; return; }
+    if (!isDriver || heard === null || document.hidden) { holding = false; return; }
     if (position) { holding = true; send({ type: "drive", steering: position[0], throttle: position[1], heard, unchanged: Stick.unchanged() / 1000 }); }
-    else if (holding) { holding = false; send({ type: "release" }); }
+    else if (holding || mode === "ARMED") { holding = false; send({ type: "release", heard }); }  // neutral, and this page still watches
   }, SEND_PERIOD_MS);
-  // A page that is hidden or left cannot be driven from: it releases the stick at once.
-  const releaseHidden = () => { if (holding && isDriver) { holding = false; send({ type: "release" }); } };
+  // A page that is hidden or left cannot be driven from: without `heard` the drive ends.
+  const releaseHidden = () => { if (isDriver) { holding = false; send({ type: "release" }); } };
   document.addEventListener("visibilitychange", () => { if (document.hidden) releaseHidden(); });
   addEventListener("pagehide", releaseHidden);
   setDriver(false);
