@@ -92,6 +92,36 @@ def test_wrong_tokens_are_counted_and_the_page_sent_away():
     one.take("page", "right")
 
 
+@pytest.fixture
+def own_files(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+
+
+def test_the_token_of_a_page_survives_a_restart(own_files):
+    token = access.load_token()
+    assert len(token) >= access.MIN_TOKEN_LENGTH
+    assert access.load_token() == token
+    assert access.token_file().stat().st_mode & 0o777 == 0o600
+    access.token_file().unlink()
+    assert access.load_token() != token, "a new token after the file was removed"
+
+
+@pytest.mark.parametrize(("text", "mode"), [("correct-horse-battery", 0o644), ("short", 0o600),
+                                            ("", 0o600), ("\u00e4" * 20, 0o600)])
+def test_a_token_that_others_could_know_is_not_used(own_files, text, mode):
+    path = access.token_file()
+    path.parent.mkdir(parents=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(mode)
+    assert access.load_token() != text
+    assert len(access.load_token()) >= access.MIN_TOKEN_LENGTH
+
+
+def test_a_folder_that_cannot_be_written_gives_a_new_token(monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", "/dev/null/none")
+    assert access.load_token() != access.load_token()
+
+
 def test_the_address_has_the_token_behind_its_hash():
     made = Access.of_this_computer(8642, lan=False)
     (url,) = made.urls

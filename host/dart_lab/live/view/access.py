@@ -8,15 +8,48 @@ address after the #, and so never in the log of a server.
 from __future__ import annotations
 
 import hmac
+import os
 import secrets
 import socket
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from dart_hal.car.viewers import VIEWER_PORT as VIEWER_PORT
 
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 # Characters of a host name (RFC 1035).
 MAX_HOST_NAME_LENGTH = 255
+
+
+# Shortest token that is read from the user's file.
+MIN_TOKEN_LENGTH = 12
+
+
+def token_file() -> Path:
+    """Return the file with this user's token; without it the next page has a new token."""
+    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(base) / "dart-hal" / "page_token"
+
+
+def load_token() -> str:
+    """Return this user's token, which survives a restart of the program.
+
+    The file is readable by its owner alone. A file that others can read, that is too short or
+    cannot be written is not used: the token is then a new one.
+    """
+    path = token_file()
+    new = secrets.token_urlsafe(9)
+    with suppress(OSError, UnicodeDecodeError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+                file.write(new)
+            return new
+        known = path.read_text(encoding="ascii").strip()
+        if not path.stat().st_mode & 0o077 and len(known) >= MIN_TOKEN_LENGTH:
+            return known
+    return new
 
 
 def own_addresses() -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from math import inf
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_lab.live.view.access import VIEWER_PORT, Access
+from dart_lab.live.view.access import VIEWER_PORT, Access, load_token
 from dart_lab.live.view.desk import Desk, Others
 from dart_lab.live.view.server import PageServer, bind_socket
 from dart_lab.live.view.told import Lines
@@ -27,7 +27,7 @@ def serve(car: Car, *, port: int = VIEWER_PORT, lan: bool = False, drives: bool 
     """
     # The socket is bound first: a used port is refused before anything of the car is touched.
     place = bind_socket(port, lan)
-    access = Access.of_this_computer(place.getsockname()[1], lan)
+    access = Access.of_this_computer(place.getsockname()[1], lan, load_token())
     desk = Desk(car, access, drives=drives, lines=lines, others=others, waive=waive,
                 max_throttle=max_throttle, folder=folder)
     return LivePage(desk, place, access)
