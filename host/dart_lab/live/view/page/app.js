@@ -11,6 +11,14 @@
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
   const addNotice = Notices.add;
   function setBadge(text) { $("mode").textContent = text; $("mode").className = `badge ${text.replace(/ /g, "-")}`; }
+  // Values of a server that is gone or silent are dimmed, and nobody can take its wheel.
+  function setStale(on) {
+    if (on === document.body.classList.contains("stale")) return;
+    document.body.classList.toggle("stale", on);
+    if (!on) return;
+    $("take").disabled = true;
+    if (row) $("link").textContent = `values of ${new Date().toLocaleTimeString()}`;
+  }
   function setDriver(on) {
     isDriver = on;
     $("take").textContent = on ? "Let go of the wheel" : "Take the wheel";
@@ -26,13 +34,14 @@
       fields = message.fields;
       document.title = $("car").textContent = message.car;
       $("wheel").hidden = !message.drives;
-      $("wheel").style.display = message.drives ? "" : "none";
+      document.querySelector("main").classList.toggle("no-wheel", !message.drives);
       maps = message.maps; frame = null;
       Camera.begin(message.camera);
       message.notices.forEach(addNotice);
     },
     rows(message) {
       heard = message.now; heardAt = performance.now();
+      setStale(false);
       message.rows.forEach(addRow);
     },
     log(message) { Plots.log(message.values); },
@@ -44,8 +53,9 @@
       if (!message.rows.length) { addNotice("this run has no samples"); return; }
       document.title = $("car").textContent = message.car;
       setBadge("recorded");
-      for (const id of ["wheel", "stop"]) $(id).style.display = "none";
-      Player.show(message);
+      document.querySelector("main").classList.add("no-wheel");
+      for (const id of ["wheel", "stop"]) $(id).hidden = true;
+      Player.show(message, showRow);
     },
     status: showStatus,
   };
@@ -56,9 +66,29 @@
     Plots.add(row);
   }
 
+  function showList(list) {
+    $("side").hidden = false;
+    $("numbers").replaceChildren(...Object.entries(list).flatMap(([name, text]) => {
+      const dt = document.createElement("dt"), dd = document.createElement("dd");
+      dt.textContent = name; dd.textContent = text;
+      return [dt, dd];
+    }));
+  }
   const format = (v, digits, unit) => v === null || v === undefined ? "-" : `${v.toFixed(digits)} ${unit}`;
+  // The numbers of a recorded run, after a bar those of a second one.
+  function showRow(...rows) {
+    const deg = (v) => v === null ? null : v * 180 / Math.PI;
+    const both = (text) => rows.filter(Boolean).map(text).join(" | ");
+    showList({
+      "speed": both((r) => format(r.speed, 2, "m/s")), "yaw rate": both((r) => format(r.yaw_rate, 2, "rad/s")),
+      "steering": both((r) => format(deg(r.steering), 1, "deg")), "throttle": both((r) => format(r.throttle, 3, "")),
+      "acceleration": both((r) => `${format(r.accel_x, 2, "")} ${format(r.accel_y, 2, "m/s2")}`),
+      "pose": both((r) => `${format(r.x, 2, "m")} ${format(r.y, 2, "m")}`), "heading": both((r) => format(deg(r.yaw), 1, "deg")),
+    });
+  }
   function showNumbers(s) {
-    const deg = 180 / Math.PI, list = {
+    const deg = 180 / Math.PI;
+    showList({
       "speed": format(row && row.speed, 2, "m/s"), "yaw rate": format(row && row.yaw_rate, 2, "rad/s"),
       "steering": row ? `${format(row.steering === null ? null : row.steering * deg, 1, "deg")} (requested ${format(row.asked_steering === null ? null : row.asked_steering * deg, 1, "deg")})` : "-",
       "throttle": row ? `${format(row.throttle, 3, "")}(requested ${format(row.asked_throttle, 3, "").trim()})` : "-",
@@ -66,12 +96,7 @@
       "frame": `${s.frame}, ${s.tracking}`, "limited": s.limited.join(", ") || "-", "doubts": s.doubts.join(", ") || "-",
       "link": `${s.link.age_ms} ms, ${s.link.lost} lost, ${s.link.damaged} damaged`,
       "loop": `p99 ${s.loop.p99_ms ?? "-"} ms, ${s.loop.late} late`, "pages": s.pages,
-    };
-    $("numbers").replaceChildren(...Object.entries(list).flatMap(([name, text]) => {
-      const dt = document.createElement("dt"), dd = document.createElement("dd");
-      dt.textContent = name; dd.textContent = text;
-      return [dt, dd];
-    }));
+    });
   }
   function showProblems(list) {
     $("trouble").replaceChildren(...list.map(({ name, text, remedy }) => {
@@ -110,7 +135,7 @@
     socket.onopen = () => { setBadge("connected"); };
     socket.onmessage = (event) => { const message = JSON.parse(event.data); (handlers[message.type] || (() => {}))(message); };
     socket.onclose = (event) => {
-      setDriver(false); heard = null;
+      setDriver(false); setStale(true); heard = null;
       if (event.code === REPLACED) { setBadge("full"); addNotice("a newer page replaced this one: reload it to watch again; its STOP works"); return; }
       explainLoss(); setTimeout(connect, 1000);
     };
@@ -124,7 +149,7 @@
   $("record").onclick = () => send({ type: "record", on: !$("record").classList.contains("on") });
 
   setInterval(() => {
-    if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT_AFTER_MS) setBadge("no news");
+    if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT_AFTER_MS) { setBadge("no news"); setStale(true); }
     const position = Stick.read();
     if (!isDriver || heard === null || document.hidden) { holding = false; return; }
     if (position) { holding = true; send({ type: "drive", steering: position[0], throttle: position[1], heard, unchanged: Stick.unchanged() / 1000 }); }
@@ -135,8 +160,9 @@
   document.addEventListener("visibilitychange", () => { if (document.hidden) releaseHidden(); });
   addEventListener("pagehide", releaseHidden);
   setDriver(false);
-  // Without a server, as static files with a run: index.html?run=run.json
-  const file = new URLSearchParams(location.search).get("run");
-  if (file) fetch(file).then((answer) => answer.json()).then(handlers.run, () => addNotice(`${file} cannot be read`));
+  // Without a server, as static files with one or two runs: index.html?run=run.json&run=other.json
+  const [file, ...other] = new URLSearchParams(location.search).getAll("run");
+  const read = (name) => fetch(name).then((answer) => answer.json());
+  if (file) Promise.all([file, ...other.slice(0, 1)].map(read)).then(([one, second]) => handlers.run({ ...one, second }), () => addNotice(`${[file, ...other].join(", ")} cannot be read`));
   else connect();
 })();

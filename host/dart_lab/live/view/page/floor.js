@@ -1,7 +1,7 @@
 "use strict";
 // Top view: map, path, covariance, scan and cars. Metres, x right, y up.
 const Floor = (() => {
-  const MAX_PATH_POINTS = 6000, BODY = [0.30, 0.19, 0.0625];  // body of a car [m]: length, width, rear overhang
+  const MAX_PATH_POINTS = 6000, MIN_BODY_PX = 16, BODY = [0.30, 0.19, 0.0625];  // body of a car [m]: length, width, rear overhang
   const canvas = document.getElementById("floor"), pen = canvas.getContext("2d");
   let scale = 90, centre = [0, 0], follow = true, dirty = true;
   const path = [];
@@ -37,13 +37,27 @@ const Floor = (() => {
   }
 
   function drawBody({ x, y, yaw }, colour) {
-    const [length, width, rear] = BODY, c = Math.cos(yaw), s = Math.sin(yaw);
+    // From far away a car is drawn larger than it is, so that it stays visible.
+    const larger = Math.max(1, MIN_BODY_PX / (BODY[0] * scale));
+    const [length, width, rear] = BODY.map((v) => v * larger), c = Math.cos(yaw), s = Math.sin(yaw);
     const at = (a, b) => [x + c * a - s * b, y + s * a + c * b];
     const corners = [at(-rear, -width / 2), at(length - rear, -width / 2), at(length - rear, width / 2), at(-rear, width / 2)];
     pen.fillStyle = colour; pen.beginPath();
     corners.forEach((p, n) => n ? pen.lineTo(...px(...p)) : pen.moveTo(...px(...p)));
     pen.fill();
     line([at(0, 0), at(length, 0)], style("--card"), 2);
+  }
+
+  // Show all cars, on the page that has none of its own. The view changes only if a car leaves it or it is much too large.
+  function fit() {
+    const MARGIN = 0.8, xs = others.map((one) => one.x), ys = others.map((one) => one.y);
+    const [left, right, low, high] = [Math.min(...xs) - MARGIN, Math.max(...xs) + MARGIN, Math.min(...ys) - MARGIN, Math.max(...ys) + MARGIN];
+    const k = scale * devicePixelRatio, w = canvas.width / 2 / k, h = canvas.height / 2 / k, inner = MARGIN / 2;
+    const isInside = left + inner > centre[0] - w && right - inner < centre[0] + w && low + inner > centre[1] - h && high - inner < centre[1] + h;
+    const best = Math.min(120, canvas.width / devicePixelRatio / (right - left), canvas.height / devicePixelRatio / (high - low));
+    if (isInside && best < 1.5 * scale) return;
+    scale = Math.max(2, best);
+    centre = [(left + right) / 2, (low + high) / 2];
   }
 
   function draw() {
@@ -53,6 +67,7 @@ const Floor = (() => {
     if (!dirty) return;
     dirty = false;
     if (follow && car) centre = [car.x, car.y];
+    else if (follow && others.length) fit();
     pen.clearRect(0, 0, canvas.width, canvas.height);
     drawGrid();
     for (const [a, b, c, d] of map) line([[a, b], [c, d]], style("--ink"), 2);
@@ -60,13 +75,15 @@ const Floor = (() => {
     pen.fillStyle = style("--red");
     for (let n = 0; n < scan.length; n += 2) { const [a, b] = px(scan[n], scan[n + 1]); pen.fillRect(a - 1, b - 1, 2 * devicePixelRatio, 2 * devicePixelRatio); }
     others.forEach((other) => {
-      drawBody(other, style("--quiet"));
+      if (other.path) line(other.path, style("--orange"), 1.5);
+      drawBody(other, other.colour || style("--quiet"));
       if (other.name) { pen.fillStyle = style("--ink"); pen.fillText(other.name, ...px(other.x + 0.3, other.y + 0.12)); }
     });
     if (car) { drawEllipse(car); drawBody(car, style("--blue")); }
   }
 
-  const zoom = (factor) => { scale = Math.min(400, Math.max(4, scale * factor)); dirty = true; };
+  // By hand the view of all cars no longer fits itself.
+  const zoom = (factor) => { if (!car) follow = document.getElementById("follow").checked = false; scale = Math.min(400, Math.max(4, scale * factor)); dirty = true; };
   document.getElementById("near").onclick = () => zoom(1.4);
   document.getElementById("far").onclick = () => zoom(1 / 1.4);
   document.getElementById("follow").onchange = (event) => { follow = event.target.checked; dirty = true; };
@@ -77,6 +94,7 @@ const Floor = (() => {
     centre = [centre[0] - event.movementX / scale, centre[1] + event.movementY / scale];
     dirty = true;
   });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
   requestAnimationFrame(draw);
 
   return {

@@ -4,6 +4,7 @@ const Notices = (() => {
   const MAX_NOTICES = 100, list = document.getElementById("said");
   return {
     add(text) {
+      list.parentElement.hidden = false;
       const kind = text.replace(/[\d.]+/g, "#"), newest = list.firstChild, repeated = newest !== null && newest.kind === kind;
       const item = repeated ? newest : document.createElement("li");
       item.kind = kind;

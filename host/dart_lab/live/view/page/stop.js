@@ -7,7 +7,7 @@ const Stop = (() => {
   const SAME_PRESS_MS = 400;
   const button = document.getElementById("stop");
   // The page of a recorded run has no STOP button; the space bar keeps its function in the browser.
-  const isSpace = (event) => (event.code === "Space" || event.key === " ") && button.style.display !== "none";
+  const isSpace = (event) => (event.code === "Space" || event.key === " ") && !button.hidden;
   let pressed = -1e9;
 
   // STOP without a socket: too many pages may be open, or the socket hangs.
