@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from dart_hal.core.types import START_FRAME
 from dart_hal.fleet.station import CarStatus, Station
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
@@ -50,6 +51,7 @@ def car_json(status: CarStatus, room: str) -> dict[str, Any]:
             "pose": None if pose is None else {
                 "x": round(pose.pose.x, 3), "y": round(pose.pose.y, 3),
                 "yaw": round(pose.pose.yaw, 3), "frame": pose.frame,
+                "own_frame": pose.frame == START_FRAME,
                 "speed": round(pose.speed, 2), "age": round(pose.age, 3)}}
 
 
