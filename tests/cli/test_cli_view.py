@@ -61,3 +61,35 @@ def test_phones_get_a_picture_of_the_address(verb, capture_options):
 
 def test_a_recording_that_is_not_there_is_named(verb):
     assert "no recording" in verb("view", "none.mcap", "--json").error["what"]
+
+
+def test_two_recordings_are_served_and_three_refused(verb, monkeypatch, tmp_path):
+    from dart_lab.live.view import player
+
+    served = {}
+
+    class Page:
+        urls = ("http://localhost:1/",)
+
+        def __init__(self, run, port, lan, second=None):
+            served.update(run=run, second=second)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+    monkeypatch.setattr(player, "Player", Page)
+    paths = [tmp_path / f"{n}.mcap" for n in range(2)]
+    for n, path in enumerate(paths):
+        with view.Car.open(f"sim://?nano=mock&seed={n + 1}", record=path) as car:
+            for _ in car.states(duration=0.2 + n):
+                pass
+    verb("view", *paths, "--duration", 0.1, "--json")
+    assert len(served["second"]["rows"]) > len(served["run"]["rows"]) + 50
+    verb("view", paths[0], "--duration", 0.1, "--json")
+    assert served["second"] is None
+    refused = verb("view", *paths, paths[0])
+    assert refused.code == 2
+    assert "3 recordings" in refused.err

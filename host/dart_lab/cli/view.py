@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from math import inf
 from pathlib import Path
@@ -31,7 +32,8 @@ from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
 
 @click.command("view")
 @car_options
-@click.argument("run", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("runs", metavar="[RUN] [RUN]", nargs=-1,
+                type=click.Path(path_type=Path, dir_okay=False))
 @lan_option
 @click.option("--duration", type=FiniteNumber(min=0.1), default=None, help="s (default: until "
                                                                            "Ctrl-C)")
@@ -48,16 +50,17 @@ from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
               help="group of cars that share their poses: the others are drawn, too")
 @room_key_option
 @json_option
-def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
-            port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
-            record: Path | None, poses: str | None, lidar: str | None, camera: str | None,
-            chart: Path | None, room: str | None, room_key: Path | None, as_json: bool) -> None:
-    """Page in a browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
+def command(url: str | None, car_name: str, cars: Path | None, runs: tuple[Path, ...],
+            lan: bool, port: int, duration: float | None, max_throttle: float,
+            waive: tuple[str, ...], record: Path | None, poses: str | None, lidar: str | None,
+            camera: str | None, chart: Path | None, room: str | None, room_key: Path | None,
+            as_json: bool) -> None:
+    """Page in a browser: watch the car, drive it, stop it. RUN: a recording, or two to compare.
 
     Every visitor may stop the car. A visitor with the token may drive it, one at a time.
     """
-    if run is not None:
-        play(run, port, lan, duration or inf, as_json)
+    if runs:
+        play(runs, port, lan, duration or inf, as_json)
         return
     with open_car(real_time_url(url), car_name, cars, record, poses, lidar, camera) as car, \
             ExitStack() as stack:
@@ -81,19 +84,24 @@ def load_map_lines(url: str, chart: Path | None) -> FloatArray | dict[str, Float
     return lines_by_frame(url)
 
 
-def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> None:
-    """Serve a recording until Ctrl-C, or for ``duration`` s."""
+def play(runs: Sequence[Path], port: int, lan: bool, duration: float, as_json: bool) -> None:
+    """Serve one or two recordings until Ctrl-C, or for ``duration`` s."""
     import time
 
     from dart_lab.live.view.player import Player, run_of
 
-    if not run.is_file():
-        raise UsageError(f"there is no recording {run}", expected="an MCAP file of this project",
-                         remedy="dart-hal record --help")
-    # Read the whole run first: the time bar jumps to any time of it.
-    with Car.open(f"replay://{run}") as car:
-        whole = run_of(car)
-    with Player(whole, port, lan) as player:
+    if len(runs) > 2:
+        raise UsageError(f"{len(runs)} recordings", expected="one, or two on one time bar")
+    read = []
+    for run in runs:
+        if not run.is_file():
+            raise UsageError(f"there is no recording {run}",
+                             expected="an MCAP file of this project",
+                             remedy="dart-hal record --help")
+        # Read the whole run first: the time bar jumps to any time of it.
+        with Car.open(f"replay://{run}") as car:
+            read.append(run_of(car))
+    with Player(read[0], port, lan, *read[1:]) as player:
         print_page_address(player.urls, lan, as_json)
         until = time.monotonic() + duration
         while time.monotonic() < until:

@@ -63,10 +63,14 @@ def save(run: dict[str, Any], path: Path) -> Path:
 
 
 class Player:
-    """Serves a run until ``close``; a context manager."""
+    """Serves a run until ``close``; a context manager.
 
-    def __init__(self, run: dict[str, Any], port: int, lan: bool) -> None:
-        self._run = msgspec.json.encode(run).decode()
+    second: another run, shown at the same time since its start.
+    """
+
+    def __init__(self, run: dict[str, Any], port: int, lan: bool,
+                 second: dict[str, Any] | None = None) -> None:
+        self._run = msgspec.json.encode(run | {"second": second}).decode()
         bound = bind_socket(port, lan)
         self.access = Access.of_this_computer(bound.getsockname()[1], lan)
         self._server = PageServer(bound, self.access, self)
