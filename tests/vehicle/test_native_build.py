@@ -248,10 +248,14 @@ def hook(monkeypatch, tmp_path):
     """``hatch_build.KernelHook`` over a substitute for hatchling, with its messages."""
     interface = types.ModuleType("hatchling.builders.hooks.plugin.interface")
     interface.BuildHookInterface = object
+    metadata = types.ModuleType("hatchling.metadata.plugin.interface")
+    metadata.MetadataHookInterface = object
     for name in ("hatchling", "hatchling.builders", "hatchling.builders.hooks",
-                 "hatchling.builders.hooks.plugin"):
+                 "hatchling.builders.hooks.plugin", "hatchling.metadata",
+                 "hatchling.metadata.plugin"):
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
-    monkeypatch.setitem(sys.modules, interface.__name__, interface)
+    for module in (interface, metadata):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
     spec = importlib.util.spec_from_file_location("hatch_build_test", ROOT / "hatch_build.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -285,6 +289,13 @@ def test_building_the_package_compiles_all_variants(hook, version, pure):
     assert data.get("tag") == (None if pure else tag)
 
 
+@needs_compiler
+def test_portable_libraries_are_used_where_nothing_can_be_compiled(nothing_built, monkeypatch):
+    build.build_committed(build.BUILT, portable=True)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert kernel.CompiledStep(KINEMATIC, "motion", 0.01).origin == "built for any processor"
+
+
 def test_building_without_a_compiler_succeeds_and_reports_it(hook, monkeypatch):
     made, messages, folder = hook
     monkeypatch.setenv("CC", "no-such-compiler")
@@ -306,7 +317,7 @@ def test_a_source_archive_holds_no_library(hook):
 @needs_compiler
 def test_a_library_in_use_is_the_last_to_be_forgotten(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "MAX_CACHED_LIBRARIES", 2)
-    monkeypatch.setattr(build, "_build", lambda command, text, variant, scratch:
+    monkeypatch.setattr(build, "_build", lambda command, text, variant, scratch, machines:
                         (scratch / "kernel.so").write_text(text) and scratch / "kernel.so")
     used = "int a;"
     idle = "int b;"

@@ -36,6 +36,8 @@ MACHINE_OPTIONS: tuple[tuple[str, ...], ...] = (
     ("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ("-mcpu=native",), ())
 # glibc's vector sin, tanh and so on, where there are any; -lm is always linked.
 VECTOR_MATH: tuple[tuple[str, ...], ...] = (("-lmvec",), ())
+# A portable library runs on every processor of its architecture, half as fast.
+PORTABLE_OPTIONS: tuple[tuple[str, ...], ...] = ((),)
 TIMEOUT_S = 120.0
 # Libraries in the user's cache, each about 30 kB. A diagnosis that finds ten causes needs about
 # 150: one for each effect on forces, combined with the causes found before.
@@ -71,11 +73,13 @@ def compiler() -> list[str] | None:
     return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
 
 
-def key(source: str, variant: Variant) -> str:
+def key(source: str, variant: Variant, *, portable: bool = False) -> str:
     """Name of a library without suffix."""
-    parts = (source, *variant.defines, *COMPILE_OPTIONS, *sum(MACHINE_OPTIONS, ()), processor())
+    machine = (platform.machine(),) if portable else (*sum(MACHINE_OPTIONS, ()), processor())
+    parts = (source, *variant.defines, *COMPILE_OPTIONS, *machine)
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
-    return f"kernel-f{variant.bits}{'-lanes' if variant.lanes else ''}-{digest}"
+    kind = ("-lanes" if variant.lanes else "") + ("-portable" if portable else "")
+    return f"kernel-f{variant.bits}{kind}-{digest}"
 
 
 @lru_cache(maxsize=1)
@@ -98,12 +102,14 @@ def cache_folder() -> Path:
     return Path(base) / "dart-hal" / "kernels"
 
 
-def compile_kernel(source: str, variant: Variant, folder: Path) -> Path:
+def compile_kernel(source: str, variant: Variant, folder: Path, *,
+                   portable: bool = False) -> Path:
     """The library of ``source`` in ``folder``, compiled unless it is there already.
 
+    portable: for every processor of this architecture, instead of this one.
     Raises CannotCompile; then ``folder`` holds nothing new.
     """
-    target = folder / f"{key(source, variant)}.so"
+    target = folder / f"{key(source, variant, portable=portable)}.so"
     if target.is_file():
         with contextlib.suppress(OSError):  # what others installed may not be touched
             os.utime(target)
@@ -114,7 +120,8 @@ def compile_kernel(source: str, variant: Variant, folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".building-") as scratch:
-            library = _build(command, source, variant, Path(scratch))
+            library = _build(command, source, variant, Path(scratch),
+                             PORTABLE_OPTIONS if portable else MACHINE_OPTIONS)
             os.replace(library, target)   # whole or not at all, whoever else compiles it too
     except OSError as why:
         raise CannotCompile(f"cannot write to {folder}: {why}") from why
@@ -132,13 +139,14 @@ def _delete_oldest(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _build(command: list[str], source: str, variant: Variant, scratch: Path) -> Path:
-    """Compile and link, with as much of the machine as the compiler knows."""
+def _build(command: list[str], source: str, variant: Variant, scratch: Path,
+           machines: tuple[tuple[str, ...], ...]) -> Path:
+    """Compile and link, with the first options of ``machines`` that the compiler knows."""
     text, thing, library = (scratch / f"kernel{suffix}" for suffix in (".c", ".o", ".so"))
     text.write_text(source, encoding="utf-8")
     _run_first([[*command, *COMPILE_OPTIONS, *machine, *variant.defines, "-c", str(text),
                  "-o", str(thing)]
-            for machine in MACHINE_OPTIONS])
+            for machine in machines])
     # linked without -ffast-math: with it gcc adds code that switches off denormal
     # numbers for everybody in the process that loads the library
     _run_first([[*command, "-shared", str(thing), "-o", str(library), *vectors, "-lm"]
@@ -161,11 +169,14 @@ def _run_first(commands: list[list[str]]) -> None:
     raise CannotCompile(f"{commands[-1][0]} failed: {message}")
 
 
-def build_committed(folder: Path = BUILT) -> list[Path]:
-    """All variants of the committed kernels, old ones swept out. Raises CannotCompile."""
+def build_committed(folder: Path = BUILT, *, portable: bool = False) -> list[Path]:
+    """All variants of the committed kernels, old ones of the kind swept out.
+
+    Raises CannotCompile.
+    """
     source = COMMITTED.read_text(encoding="utf-8")
-    built = [compile_kernel(source, variant, folder) for variant in VARIANTS]
+    built = [compile_kernel(source, variant, folder, portable=portable) for variant in VARIANTS]
     for old in folder.glob("kernel-*.so"):
-        if old not in built:
+        if old not in built and ("-portable-" in old.name) is portable:
             old.unlink()
     return built

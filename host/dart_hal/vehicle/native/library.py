@@ -50,16 +50,26 @@ def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
                 return _load_function(path, traced.name), "built with the package"
             except build.CannotCompile:
                 pass  # damaged: one compiled on demand does as well
+    try:
+        return _load_compiled(text, traced.name, variant), "compiled on demand"
+    except build.CannotCompile:
+        portable = build.BUILT / f"{build.key(committed, variant, portable=True)}.so"
+        if text not in committed or not portable.is_file():
+            raise
+        return _load_function(portable, traced.name), "built for any processor"
+
+
+def _load_compiled(text: str, name: str, variant: build.Variant) -> Run:
+    """Compile the kernel for this processor, unless that was done before, and load it."""
     whole = source([text])
     folder = build.cache_folder()
     path = build.compile_kernel(whole, variant, folder)
     try:
-        return _load_function(path, traced.name), "compiled on demand"
+        return _load_function(path, name)
     except build.CannotCompile:
         # damaged since it was kept: once more, else it would never be used again
         path.unlink(missing_ok=True)
-        return _load_function(build.compile_kernel(whole, variant, folder),
-                         traced.name), "compiled on demand"
+        return _load_function(build.compile_kernel(whole, variant, folder), name)
 
 
 @lru_cache(maxsize=1)
