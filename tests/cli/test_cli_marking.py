@@ -21,7 +21,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.load import model_of
+from dart_hal.vehicle.file import model_of
 from dart_lab.sim.marking import format_marks, mark_car
 
 SEED_7 = "sim://?nano=mock&seed=7"

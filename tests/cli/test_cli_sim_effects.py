@@ -7,7 +7,7 @@ import pytest
 from dart_hal.core.config import save_model
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import add_effects, parse_effects
-from dart_hal.vehicle.load import model_of
+from dart_hal.vehicle.file import model_of
 
 EFFECT_TEXT = "steering_lag:0.06,encoder_ring:missing=0.1"
 

@@ -15,7 +15,8 @@ from dart_hal.cli.main import main
 from dart_hal.core.config import load_model
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.load import model_of, vehicle_of
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import vehicle_of
 from dart_lab.identification.evaluation import evaluate
 from tests.pages import foreign
 

@@ -11,8 +11,9 @@ import pytest
 from dart_hal.core.config import Quantity, load_model
 from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
+from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.flat import with_values
-from dart_hal.vehicle.load import model_of, vehicle_of
+from dart_hal.vehicle.load import vehicle_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.write import Source, build_model, why_unsound, write
 

@@ -8,7 +8,7 @@ import pytest
 from dart_hal.core.config import save_model
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import add_effects, parse_effects
-from dart_hal.vehicle.load import model_of
+from dart_hal.vehicle.file import model_of
 from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv
 
 EFFECTS = "gyro_bias:0.05,steering_backlash:0.05,encoder_scale:0.04,quadratic_drag:0.2"

@@ -12,7 +12,7 @@ import pytest
 
 from dart_hal.core.errors import BadCommand, ConfigError, UsageError
 from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024, Delay, make_car_step
-from dart_hal.vehicle.load import model_of
+from dart_hal.vehicle.file import model_of
 from dart_lab.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,

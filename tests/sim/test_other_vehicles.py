@@ -14,7 +14,7 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import SETS, UPSTREAM_2024
 from dart_hal.vehicle.effects import add_effects, parse_effects
-from dart_hal.vehicle.load import model_of
+from dart_hal.vehicle.file import model_of
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.light import LightCar
 from dart_lab.sim.truth import reveal_url, world_of

@@ -40,14 +40,8 @@ from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS, note_false_lock
 from dart_hal.recording.dart.schema import MOCAP_COLUMNS
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_hal.recording.dart.steering_sign import steering_note
-from dart_hal.recording.mcap_records import (
-    IMPORT_NOTE,
-    JSON,
-    TOML,
-    ZERO,
-    McapFile,
-    read_mcap,
-)
+from dart_hal.recording.items import IMPORT_NOTE, JSON, TOML, ZERO
+from dart_hal.recording.mcap_records import McapFile, read_mcap
 from dart_hal.recording.run_file import make_mcap_writer
 from dart_hal.recording.schemas import definition
 from dart_hal.vehicle.parameters import MOTOR_FORMS

@@ -7,6 +7,14 @@ from typing import NamedTuple
 from dart_hal.core.types import Applied
 from dart_hal.recording.log import Value
 
+# Key in the metadata of a channel: ns since 1970 when the clock of its car was 0.
+ZERO = "zero_ns"
+# Media types of attachments: facts by name, and the files of the car.
+JSON = "application/json"
+TOML = "application/toml"
+# Attachment by which an imported recording is recognised.
+IMPORT_NOTE = "import"
+
 
 class RecordedCommand(NamedTuple):
     """A command as a source requested it: t [s], steering [rad], throttle [-1..1]."""

@@ -27,6 +27,7 @@ from zstandard import ZstdError
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.recording.expansion import ExpandsTooFar, expand_chunk, expansion_limit
+from dart_hal.recording.items import JSON, TOML, ZERO
 from dart_hal.recording.regular import check_regular
 from dart_hal.recording.seals import Block, find_sealed_blocks
 
@@ -46,13 +47,6 @@ _CHECKED = re.compile(rb"[\x06\x09](?=.{5}\0{3})", re.DOTALL)
 
 PLAIN: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
                          Opcode.METADATA: Metadata}
-# Key in the metadata of a channel: ns since 1970 when the clock of its car was 0.
-ZERO = "zero_ns"
-# Media types of attachments: facts by name, and the files of the car.
-JSON = "application/json"
-TOML = "application/toml"
-# Attachment by which an imported recording is recognised.
-IMPORT_NOTE = "import"
 
 
 class Damage(NamedTuple):

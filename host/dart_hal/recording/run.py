@@ -23,30 +23,25 @@ from pathlib import Path
 from struct import Struct
 from struct import error as StructError  # noqa: N812
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import FileTrouble, RecordingError
 from dart_hal.core.notebook import card
 from dart_hal.core.ports import Chunk
 from dart_hal.core.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.recording import cdr, stamp
-from dart_hal.recording.expansion import refusal
+from dart_hal.recording.items import IMPORT_NOTE, JSON, TOML
 from dart_hal.recording.items import AppliedAt as AppliedAt
 from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.items import RecordedCommand as RecordedCommand
 from dart_hal.recording.log import PREFIX, Value
-from dart_hal.recording.mcap_records import (
-    IMPORT_NOTE,
-    JSON,
-    TOML,
-    McapFile,
-    notices,
-    read_mcap,
-)
 from dart_hal.recording.run_file import RunFile, prefix_topic, select_car, split_car
 from dart_hal.wire.messages import PROTO, SCHEMA
+
+if TYPE_CHECKING:
+    from dart_hal.recording.mcap_records import McapFile
 
 # Message types.
 _RAW = "std_msgs/msg/UInt8MultiArray"
@@ -224,6 +219,9 @@ class RunReader:
     """
 
     def __init__(self, path: Path | str) -> None:
+        # Imported by a reader: a program that drives reads no file.
+        from dart_hal.recording.mcap_records import notices, read_mcap
+
         self.path, car = split_car(path)
         self._mcap = found = select_car(read_mcap(self.path), car)
         self.damaged = bool(found.damages)
@@ -240,6 +238,8 @@ class RunReader:
         A run that was killed at once has no channels: it is read as empty.
         """
         if found.oversized:
+            from dart_hal.recording.expansion import refusal
+
             raise refusal(str(self.path), f"a chunk: {found.oversized}")
         if self.damaged:
             raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),

@@ -25,12 +25,14 @@ from typing import TYPE_CHECKING, Any
 from dart_hal.core.errors import FileTrouble, RecordingError, UsageError
 from dart_hal.core.process.suspend import elapsed_ns
 from dart_hal.core.types import nanoseconds
-from dart_hal.recording.mcap_records import JSON, ZERO, McapFile
+from dart_hal.recording.items import JSON, ZERO
 from dart_hal.recording.pieces import PieceWriter
 from dart_hal.recording.schemas import definition
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
+
+    from dart_hal.recording.mcap_records import McapFile
 
 # Name of the writer in a file. It is constant: a version would change the bytes of a run.
 LIBRARY = "dart-hal recording 5"

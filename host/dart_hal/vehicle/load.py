@@ -1,4 +1,7 @@
-"""Models by name or file, for every verb that takes one."""
+"""Models by name or file, for every verb that takes one.
+
+The sets and effects are imported at the first use: a program that imports ``Car`` starts sooner.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,7 @@ from pathlib import Path
 
 from dart_hal.core.config import ModelFile, load_model
 from dart_hal.core.errors import ConfigError, UsageError
-from dart_hal.vehicle.file import model_of, vehicle_from
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.sets import PAPER, SETS
 
 
 def vehicle_of(model: ModelFile | None) -> Vehicle:
@@ -16,6 +17,9 @@ def vehicle_of(model: ModelFile | None) -> Vehicle:
 
     Raises ConfigError on a bad value.
     """
+    from dart_hal.vehicle.file import vehicle_from
+    from dart_hal.vehicle.sets import PAPER
+
     return PAPER if model is None else vehicle_from(model, PAPER)
 
 
@@ -24,6 +28,9 @@ def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
 
     Raises UsageError for a name that is neither, ConfigError for a bad file.
     """
+    from dart_hal.vehicle.file import model_of
+    from dart_hal.vehicle.sets import SETS
+
     if str(name) in SETS:
         p = SETS[str(name)]
         return model_of(p), p

@@ -9,7 +9,8 @@ from dart_hal.core.config import EffectEntry, Quantity, dump, parse_model
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, parse_effects
-from dart_hal.vehicle.load import find_model, model_of, vehicle_of
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.load import find_model, vehicle_of
 from tests.vehicle.effects.effect_drive import medium
 
 EFFECTS_TOML = """

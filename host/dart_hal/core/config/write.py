@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from datetime import date, datetime, time
 from errno import ENOTDIR
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -86,6 +85,8 @@ def check_writable(folder: Path) -> None:
     A file is made and removed in the nearest folder that exists: permissions alone do not show
     a file system that is mounted read-only or full.
     """
+    from tempfile import TemporaryFile
+
     existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     try:
         if not existing.is_dir():

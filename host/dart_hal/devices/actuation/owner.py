@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Callable
-from hashlib import sha256
 from pathlib import Path
 
 from dart_hal.core.errors import PcaBusy, PcaClaimed
@@ -44,6 +43,8 @@ def lock_chip(spec: str, address: int, sysfs: Path = SYSFS) -> Callable[[], None
 def lock_path(spec: str, address: int) -> Path:
     """Return the lock file of a chip; it does not depend on the path of the bus's device node."""
     if spec.startswith(SOCKET_PREFIX):
+        from hashlib import sha256
+
         path = os.path.realpath(spec[len(SOCKET_PREFIX):])
         bus = "socket-" + sha256(path.encode()).hexdigest()[:16]
     else:

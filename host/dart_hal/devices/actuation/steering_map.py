@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dart_hal.core.config import CarConfig, SteeringTable
 from dart_hal.devices.actuation.pchip import Pchip
-from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
 # Samples of the paper's curve; the PCHIP through them is accurate to 1e-7 rad.
@@ -57,6 +56,8 @@ def steering_map(car: CarConfig, table: SteeringTable | None) -> SteeringMap:
     span = car.steering.direction * car.steering.span_us
     if table is not None:
         return SteeringMap(Pchip(table.pulse_us, table.angle_rad), center, span, calibrated=True)
+    from dart_hal.vehicle.sets import PAPER  # imported when a car is opened
+
     curve = make_steering(PAPER.steering)
     commands = [2 * i / (PAPER_POINTS - 1) - 1 for i in range(PAPER_POINTS)]
     points = sorted((center + span * s, float(curve(s))) for s in commands)

@@ -10,9 +10,9 @@ The socket carries the bus of a simulated car to other programs
 from __future__ import annotations
 
 import os
-import socket
 import struct
 import sys
+from typing import TYPE_CHECKING
 
 from dart_hal.core.errors import BusError, UsageError
 from dart_hal.core.ports import Bus
@@ -20,6 +20,9 @@ from dart_hal.core.ports.bus import explain
 from dart_hal.core.process.forks import private
 from dart_hal.devices.links.busio import TransferBus
 from dart_hal.devices.links.smbus import SmbusBus
+
+if TYPE_CHECKING:
+    import socket
 
 REQUEST = struct.Struct("<BHH")
 # s: a transfer takes 1 ms; without an answer the server is gone.
@@ -61,6 +64,8 @@ class SocketBus(TransferBus):
         self._socket: socket.socket | None = self._connect()
 
     def _connect(self) -> socket.socket:
+        import socket
+
         if not hasattr(socket, "AF_UNIX"):
             raise BusError(f"i2c=unix:{self._path} needs unix sockets", found=sys.platform,
                            remedy="use Linux, macOS or WSL, or sim:// in the same program")

@@ -7,7 +7,6 @@ nothing else has to know of it. Other packages add effects by entry points of th
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
 import pkgutil
@@ -93,7 +92,9 @@ def find_effect(name: str) -> Effect:
     known = catalogue()
     if name in known:
         return known[name]
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, known, n=3, cutoff=0.4)
     raise UsageError(f"no effect is called {name!r}", expected="one of " + ", ".join(known),
                      remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
 
