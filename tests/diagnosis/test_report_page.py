@@ -280,9 +280,10 @@ def test_no_ratio_of_all_errors_is_next_to_the_gain_of_a_cause():
 
 def test_paths_and_errors_come_directly_after_the_verdict(whole):
     _, text, _ = whole
-    order = ["verdict", "measured", "Worst window: ", 'aria-label="Path in the worst window"',
+    order = ['class="verdict', "Error left 1 s ahead", 'href="#cause-1"',
+             "<summary>In sentences", "Worst window: ", 'aria-label="Path in the worst window"',
              'aria-label="Path in the median window"', "Worst and median of 195 windows",
-             'aria-label="Error 1 s ahead by channel and model"', "by the causes",
+             "by the causes",
              'id="details"', "<summary>Errors, step by step"]
     places = [text.index(words) for words in order]
     assert places == sorted(places)
@@ -292,9 +293,8 @@ def test_paths_and_errors_come_directly_after_the_verdict(whole):
 
 def test_bars_state_the_errors_of_every_model_in_every_channel(whole):
     d, text, _ = whole
-    bars = text.partition('aria-label="Error 1 s ahead by channel and model"')[2].partition(
-        "</svg>")[0]
-    for errors in (d.ctrv, *(d.stages[k].horizons for k in (0, 1, -1))):
+    bars = text.partition('class="bars"')[2].partition("</table>")[0]
+    for errors in (d.ctrv, *(stage.horizons for stage in d.stages)):
         for channel in ("vx", "vy", "yaw_rate", "position", "yaw_deg"):
             assert f">{significant(errors['1.0']['pooled'][channel])}<" in bars
 

@@ -14,8 +14,15 @@ from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.along import ResidualRows, means_along
 from dart_lab.diagnosis.report.data_problems import NOT_FITTED, data_problems, valid_sizes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim, heading, is_small
+from dart_lab.diagnosis.report.findings import list_findings
 from dart_lab.diagnosis.report.patterns import NEXT_STEPS, Pattern, next_step
-from dart_lab.diagnosis.report.summary import headline, median_warnings, summary_lines, tone
+from dart_lab.diagnosis.report.summary import (
+    headline,
+    median_warnings,
+    motion_warnings,
+    summary_lines,
+    tone,
+)
 from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Claim, ParameterEstimate, QuantityChange, Unexplained
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
@@ -246,3 +253,34 @@ def test_every_effect_names_known_variables_in_which_it_acts():
     for effect in catalogue().values():
         assert effect.acts_along, effect.name
         assert set(effect.acts_along) <= set(FEATURE_UNITS), effect.name
+
+
+def test_first_lines_state_which_cause_improves_no_prediction_of_the_motion():
+    both = motion_warnings(made.diagnosis())
+    assert both == ["gyro_scale improves no prediction of the motion."]
+    assert motion_warnings(made.diagnosis(causes=1)) == []
+    d = made.diagnosis()
+    alone = replace(d, causes=d.causes[1:])
+    assert motion_warnings(alone) == ["No cause improves a prediction of the motion: what is "
+                                      "gained there comes from the refit."]
+
+
+def test_first_lines_state_where_constant_velocity_is_better():
+    d = made.diagnosis(causes=1)
+    (line,) = motion_warnings(replace(d, ctrv=d.stages[-1].horizons, stages=(
+        *d.stages[:-1], replace(d.stages[-1], horizons=d.stages[0].horizons))))[-1:]
+    assert line.startswith("Constant velocity predicts better than the model: speed (")
+    assert page(d).index("In sentences") > page(d).index('class="bars"')
+
+
+def test_a_finding_is_one_line_with_size_share_and_status():
+    d = replace(made.diagnosis(), claims=(claim(2.0, 3.0, 0.05), claim(2.88, 2.9, 0.02)))
+    lines = [finding.line for finding in list_findings(d)]
+    assert lines[0] == ("wrong parameter: motor; pull 2 -> 3.000 +- 0.050 N; removes 3 % (1 % to "
+                        "5 %) of the motion error")
+    assert lines[1] == ("accepted: turns its wheels more slowly (steering_lag); 118.7 +- 4.3 ms; "
+                        "removes 41 % (36 % to 47 %) of the yaw rate error")
+    assert lines[-1].startswith("small correction: motor")
+    text = page(d)
+    for finding in list_findings(d):
+        assert f'href="#{finding.anchor}"' in text

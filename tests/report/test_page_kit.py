@@ -80,11 +80,12 @@ def test_a_page_is_sound_and_requests_nothing_from_outside(tmp_path):
     figures.finish(figure.subplots(), "x", "y", "title")
     drawn = [charts.draw_lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
              charts.draw_paths("paths", "x", "y", [(np.array([[0.0, 1.0], [0.0, 0.5]]), "car")], 1),
-             charts.draw_grouped_bars("groups", [
-                 ("one", [(2.0, 1.0, "before"), (math.inf, math.nan, "after")])]),
+             charts.tabulate_bars("groups", ["one"], [
+                 charts.BarRow("a", "before", [2.0], [1.0]),
+                 charts.BarRow("b", "after", [math.inf], [math.nan])]),
              charts.draw_bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
              page.image(figure, "a <picture>")]
-    sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
+    sections = {"one": ("First", page.figures([page.figure("<b>caption", d) for d in drawn])),
                 "two": ("Second", page.card(el("p", "told"), good=True))}
     whole = page.page("of <a test>", "Heading", page.text("lead"), sections)
     written = page.write(tmp_path / "new" / "page.html", whole).read_text(encoding="utf-8")
@@ -93,7 +94,7 @@ def test_a_page_is_sound_and_requests_nothing_from_outside(tmp_path):
     assert not foreign(whole)
     assert not re.search(r"\b(nan|inf|None)\b", strip_data(whole))
     assert all(f'href="#{key}"' in whole and f'id="{key}"' in whole for key in sections)
-    assert "<caption>" not in whole
+    assert "<b>caption" not in whole
     assert whole.count("<svg") == 4
 
 
@@ -122,16 +123,15 @@ def test_a_path_that_leaves_the_picture_does_not_shrink_the_others():
     assert np.ptp(points_of(picture, "car")[0]) > 200.0
 
 
-def test_each_group_of_bars_has_its_own_scale_and_infinity_no_bar():
-    picture = charts.draw_grouped_bars("g", [
-        ("a", [(1.0, math.nan, "before"), (0.5, 0.25, "after")]),
-        ("b", [(200.0, math.nan, "before"), (math.inf, math.nan, "after")])])
-    widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="12"', picture)]
-    assert widths[0] == widths[2] == pytest.approx(2.0 * widths[1], rel=0.01)
-    assert widths[3] == 0.0
-    assert ">diverged<" in picture
-    tick = re.search(r'<line x1="([\d.]+)"[^>]*class="median"', picture)
-    assert float(tick[1]) - charts.NAMES_WIDTH == pytest.approx(0.5 * widths[1], abs=0.2)
+def test_each_column_of_bars_has_its_own_scale_and_infinity_no_bar():
+    table = charts.tabulate_bars("t", ["a", "b", "c"], [
+        charts.BarRow("one", "before", [1.0, 200.0, math.nan]),
+        charts.BarRow("two", "after", [0.5, math.inf, 0.0], [0.25, math.nan, math.nan])])
+    widths = [float(w) for w in re.findall(r'<rect [^>]*width="([\d.]+)"', table)]
+    assert widths == [100.0, 100.0, 50.0]
+    assert "<td>diverged</td>" in table
+    assert "<td>-</td>" in table
+    assert re.search(r'<line x1="25" [^>]*class="median"', table)
 
 
 def test_a_line_ends_at_a_point_that_is_not_finite():

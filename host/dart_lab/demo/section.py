@@ -18,7 +18,7 @@ from dart_lab.demo.diagnosis import (
 from dart_lab.diagnosis.report import describe_pattern
 from dart_lab.diagnosis.report.along import ResidualRows
 from dart_lab.diagnosis.report.causes import LEGEND, cause_pictures
-from dart_lab.diagnosis.report.overview import answer_card, overview
+from dart_lab.diagnosis.report.overview import overview, verdict_section
 from dart_lab.diagnosis.report.words import channel, interval, quantity
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.report import page
@@ -86,10 +86,12 @@ def _diagnosis_section(d: Diagnosis, how: str, report: str, *known: Html) -> Htm
     rows = ResidualRows(d.evidence, d.extended)
     patterns = [describe_pattern(d, u, rows) for u in d.unexplained[:MAX_PATTERNS]]
     patterns += [f"and {more} more, see the report"] if more > 0 else []
-    unexplained = [el("p", "Patterns without a cause:"), page.items(patterns)] if patterns else []
+    unexplained = ([page.foldable("Patterns without a cause", page.items(patterns))]
+                   if patterns else [])
     figures = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
-        el("p", how), answer_card(d, *unexplained, report=report), overview(d), *known,
+        verdict_section(d, report), *known, *unexplained,
+        page.foldable("How this was done", el("p", how)), overview(d),
         page.figures(figures), *([LEGEND] if figures else []),
         el("p", el("a", "The full report: every figure, and how it was made", href=report,
                    class_="button"))])

@@ -11,7 +11,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 
 from . import svg
-from .html import Html
+from .html import Html, el
 from .numbers import significant
 
 # All lengths in px.
@@ -19,9 +19,7 @@ ROW_HEIGHT = 17.0  # from one bar to the next
 NAMES_WIDTH = 145.0  # left of the bars
 # Smallest and largest height of a picture of paths, without its axes.
 PATH_HEIGHTS = (90.0, 300.0)
-BAR_HEIGHT = 15.0  # from bar to bar in a group
-GROUP_GAP = 11.0  # added between groups
-NUMBER_WIDTH = 52.0  # right of the longest bar, for its number
+BAR_HEIGHT = 8.0  # of a bar in a table
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,30 +106,44 @@ def _widen(interval: tuple[float, float], length: float) -> tuple[float, float]:
     return middle - 0.5 * length, middle + 0.5 * length
 
 
-def draw_grouped_bars(
-        name: str, groups: Sequence[tuple[str, Sequence[tuple[float, float, str]]]]) -> Html:
-    """Draw groups of horizontal bars (value, median, style), each group to its own scale.
+@dataclass(frozen=True, slots=True)
+class BarRow:
+    """A row of ``tabulate_bars``.
 
-    A value that is not finite has no bar; infinity is written as "diverged". A tick marks the
-    median; none where it is not finite.
+    values: by column, NaN for none. medians: by column, each drawn as a tick; NaN for none.
     """
-    height = svg.TOP_MARGIN + sum(BAR_HEIGHT * len(bars) + GROUP_GAP for _, bars in groups)
-    parts: list[Html] = []
-    y = svg.TOP_MARGIN
-    for words, bars in groups:
-        # The largest finite value or median of the group takes the full width.
-        top = max((v for bar in bars for v in bar[:2] if math.isfinite(v)), default=0.0)
-        full = svg.PICTURE_WIDTH - NAMES_WIDTH - NUMBER_WIDTH
-        parts.append(svg.text(NAMES_WIDTH - 8, y + 0.5 * BAR_HEIGHT * len(bars) + 4, words, "end"))
-        for value, median, style in bars:
-            length = full * value / top if math.isfinite(value) and top > 0.0 else 0.0
-            number = "diverged" if math.isinf(value) else significant(value)
-            tick = full * median / top if math.isfinite(median) and top > 0.0 else 0.0
-            parts += [svg.bar(NAMES_WIDTH, y + 1, length, BAR_HEIGHT - 3, style),
-                      svg.text(NAMES_WIDTH + max(length, tick) + 5, y + BAR_HEIGHT - 4, number)]
-            if tick:
-                x = NAMES_WIDTH + tick
-                parts.append(svg.line((x, y - 0.5), (x, y + BAR_HEIGHT - 1.5), "median"))
-            y += BAR_HEIGHT
-        y += GROUP_GAP
-    return svg.picture(name, parts, height=height)
+
+    name: str
+    style: str
+    values: Sequence[float]
+    medians: Sequence[float] = ()
+
+
+def tabulate_bars(caption: str, columns: Sequence[str], rows: Sequence[BarRow]) -> Html:
+    """Return a table of numbers with a bar below each; every column has its own scale.
+
+    The table fits a phone: its columns shrink, and no number is cut. Infinity is written as
+    "diverged", a missing value as "-".
+    """
+    # The largest finite value or median of a column takes the full width.
+    tops = [max((v for row in rows for v in (*row.values[i:i + 1], *row.medians[i:i + 1])
+                 if math.isfinite(v)), default=0.0) for i in range(len(columns))]
+    head = el("tr", el("th"), *(el("th", words) for words in columns))
+    body = [el("tr", el("th", row.name, scope="row"), *(
+        _bar_cell(row.values[i], row.medians[i] if row.medians else math.nan, top, row.style)
+        for i, top in enumerate(tops))) for row in rows]
+    return el("table", el("caption", caption), el("thead", head), el("tbody", *body),
+              class_="bars")
+
+
+def _bar_cell(value: float, median: float, top: float, style: str) -> Html:
+    """Return one number with its bar, and a tick at the median."""
+    number = "diverged" if math.isinf(value) else significant(value)
+    if not (math.isfinite(value) and top > 0.0):
+        return el("td", number)
+    parts = [svg.bar(0.0, 1.0, 100.0 * value / top, BAR_HEIGHT - 2.0, style)]
+    if math.isfinite(median):
+        x = 100.0 * median / top
+        parts.append(svg.line((x, 0.0), (x, BAR_HEIGHT), "median"))
+    return el("td", number, el("svg", *parts, viewBox=f"0 0 100 {BAR_HEIGHT:g}",
+                               preserveAspectRatio="none", aria_hidden="true"))

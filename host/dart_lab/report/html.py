@@ -48,7 +48,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
           caption: str = "") -> Html:
     """Return a table that scrolls sideways if it is too wide; empty without rows.
 
-    Columns from ``numbers`` on are aligned right, except for long cells.
+    Columns from ``numbers`` on are aligned right, except for long cells. A long cell breaks
+    anywhere, so that a path does not widen the table, but keeps a width of some words.
     """
     rows = list(rows)
     if not rows:
@@ -58,7 +59,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
         for i, cell in enumerate(row):
             long = len(cell) > MAX_UNBROKEN_CELL
             number = i >= numbers and (kind == "th" or not long)
-            out.append(el(kind, cell, class_="n" if number else None if long else "s"))
+            out.append(el(kind, cell, class_="n" if number else "l" if long else "s"))
         return el("tr", *out)
 
     top = [el("caption", caption)] * bool(caption) + [el("thead", cells("th", head))] * any(head)

@@ -48,12 +48,26 @@ svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height:
 details { margin: .6rem 0 } summary { cursor: pointer; color: var(--after) }
 pre { background: var(--box); padding: .5rem .8rem; border-radius: 4px; white-space: pre-wrap;
   font-size: .88rem }
-.wide { overflow-x: auto; margin: .8rem 0 } table { border-collapse: collapse; font-size: .88rem;
+.wide { overflow-x: auto; margin: .8rem 0; background:
+  linear-gradient(90deg, var(--paper) 30%, transparent) 0 0 / 3rem 100% no-repeat local,
+  linear-gradient(270deg, var(--paper) 30%, transparent) 100% 0 / 3rem 100% no-repeat local,
+  linear-gradient(90deg, var(--other), transparent) 0 0 / .8rem 100% no-repeat scroll,
+  linear-gradient(270deg, var(--other), transparent) 100% 0 / .8rem 100% no-repeat scroll }
+table { border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums }
 caption { text-align: left; color: var(--soft); padding-bottom: .3rem }
 th, td { text-align: left; padding: .25rem .9rem .25rem 0; vertical-align: top }
 th { border-bottom: 1px solid var(--soft) } td { border-bottom: 1px solid var(--rule) }
 .n { text-align: right } .n, .s { white-space: nowrap }
+.l { overflow-wrap: anywhere; min-width: 14ch }
+table.bars { width: 100%; table-layout: fixed; margin: .8rem 0 } .bars th { font-weight: 400;
+  border: 0; line-height: 1.25; padding-right: .6rem } .bars td { border: 0; line-height: 1.1 }
+.bars thead th:first-child { width: 18% }
+.bars thead th { vertical-align: bottom; font-weight: 600 } .bars svg { height: 8px }
+.bars rect, .bars line { vector-effect: non-scaling-stroke }
+@media (max-width: 40rem) { .bars { font-size: .72rem }
+  .bars thead th { font-size: .66rem } .bars thead th:first-child { width: 21% } .bars td, .bars th { padding-right: .3rem }
+  nav a { white-space: normal } .n, .s { white-space: normal } td, th { padding-right: .6rem } }
 code { background: var(--box); padding: .1em .3em;
   border-radius: 3px; font-size: .9em; overflow-wrap: anywhere }
 dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }

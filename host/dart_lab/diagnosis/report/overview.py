@@ -1,4 +1,4 @@
-"""Top of the page: verdict, paths in two windows, errors by model, share of each step."""
+"""Top of the page: verdict, errors by model, a line for each cause; then paths and shares."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from dart_lab.report.numbers import significant
 
 from .compared import HORIZON, MIN_ERROR_CHANGE, step_changes
 from .data_problems import data_problems, model_problems
-from .explain import describe_cause, describe_claim
-from .summary import headline, summary_lines, tone
+from .findings import list_findings
+from .summary import headline, motion_warnings, summary_lines, tone
 from .words import CHANNEL_LABELS, channel, error_figure
 
 CONSTANT_VELOCITY = "constant velocity"
@@ -27,21 +27,29 @@ NOISE_FLOOR = "noise floor"
 # Colour and mark of each model in all pictures of the overview.
 STYLES = {MEASURED: "car", CONSTANT_VELOCITY: "other", NOISE_FLOOR: "floor", "given": "before",
           "refitted": "refit", "extended": "after"}
+ERROR_CAPTION = ("Error left 1 s ahead on the test recordings: RMSE, each column to its own scale; "
+                 "black tick: median")
 MODELS = {"given": "model as given", "refitted": "parameters refitted",
-          "extended": "with the causes", NOISE_FLOOR: "noise floor: a model without any fault"}
+          "extended": "with the causes"}
 STEP_TITLES = {"refitted": "by the refit", "extended": "by the causes"}
-WHAT_FLOOR = ("Noise floor: the error that a model without any fault would have on these "
-              "recordings, from disturbances, measurement noise and the unknown ages of commands.")
+WHAT_FLOOR = ("Noise floor: the error of a model without any fault on these recordings, from"
+              " disturbances, measurement noise and the unknown ages of commands.")
 MARK_SPACING = 0.5  # s
 # m between two lines that cover each other in the picture.
 SAME_PATH = 0.01
 NO_PATH = "Without motion capture there is no measured path to draw."
 
 
-def verdict_card(d: Diagnosis) -> Html:
-    """Draw the box with the verdict."""
-    return page.card(el("p", headline(d), class_="big"), *map(_line, summary_lines(d)),
-                     tone=tone(d))
+def verdict_section(d: Diagnosis, report: str = "") -> Html:
+    """Draw verdict, errors by model, and one line for each cause with a link to its evidence."""
+    caution = page.notices(motion_warnings(d))
+    return join([page.card(el("p", headline(d), class_="big"), caution, tone=tone(d)),
+                 error_bars(d), cause_lines(d, report)])
+
+
+def sentences(d: Diagnosis) -> Html:
+    """Fold the summary in sentences."""
+    return page.foldable("In sentences", *map(_line, summary_lines(d)))
 
 
 def _line(line: str) -> Html:
@@ -57,38 +65,45 @@ def problem_card(d: Diagnosis) -> Html:
                      page.items(problems), tone="bad") if problems else Html()
 
 
-def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
-    """Draw the box with verdict and findings, each with a link to its evidence on ``report``."""
-    found = [(describe_claim(c)["What"], "claims") for c in d.claims]
-    found += [(describe_cause(d, i)["What"], f"cause-{i + 1}") for i in range(len(d.causes))]
-    return page.card(
-        el("p", headline(d), class_="big"),
-        page.items((join([what, " ", el("a", "evidence", href=f"{report}#{anchor}")])
-                    for what, anchor in found), "ol"), *after, tone=tone(d))
+def cause_lines(d: Diagnosis, report: str = "") -> Html:
+    """Tabulate what was found, one line each: name, size, share, status."""
+    rows = [[el("a", finding.name, href=f"{report}#{finding.anchor}"), finding.size,
+             finding.share, finding.status] for finding in list_findings(d)]
+    return table(("", "size", "what it removes", "status"), rows)
 
 
 def overview(d: Diagnosis) -> Html:
-    """Draw the paths; next to them the errors of all models, and the share of each step."""
-    bars = _error_figure(d)
-    if not (d.paths or bars):
+    """Draw the paths; next to them the share of each step."""
+    if not (d.paths or d.compared):
         return Html()
-    shown = [MEASURED] * bool(d.paths) + [
-        name for name, errors in _errors(d).items() if errors]
-    key = svg.legend([(STYLES[name], MODELS.get(name, name)) for name in shown])
+    key = svg.legend([(STYLES[name], MODELS.get(name, name)) for name in (MEASURED, *d.compared)]
+                     ) if d.paths else Html()
+    floor = page.small_print(WHAT_FLOOR) if d.noise_floor else Html()
     return join([key, el("div", el("div", _path_figures(d.paths)),
-                         el("div", bars, page.small_print(WHAT_FLOOR) if d.noise_floor else Html(),
-                            shares(d)), class_="pair")])
+                         el("div", shares(d), floor), class_="pair")])
 
 
-def _errors(d: Diagnosis) -> dict[str, dict[str, tuple[float, float]]]:
-    """Return by model the RMSE and the median 1 s ahead of each channel that is known."""
-    models = {CONSTANT_VELOCITY: d.ctrv, **{name: stage.horizons for name,
-                                            stage in d.compared.items()}}
-    out = {model: {c: (error_figure(errors, HORIZON, c), error_figure(errors, HORIZON, c, "median"))
-                   for c in PREDICTED} for model, errors in models.items()}
-    out[NOISE_FLOOR] = {c: (value, math.nan) for c, value in d.noise_floor.items()}
-    return {model: {c: both for c, both in errors.items() if not math.isnan(both[0])}
-            for model, errors in out.items()}
+def error_bars(d: Diagnosis) -> Html:
+    """Draw the RMSE 1 s ahead by channel: as given, refitted, and with each cause.
+
+    Constant velocity and the noise floor are the first and the last row. Ticks are medians.
+    """
+    after = {stage.label: stage.horizons for stage in d.stages[len(d.compared) - bool(d.causes):]}
+    models = {CONSTANT_VELOCITY: (CONSTANT_VELOCITY, d.ctrv),
+              **{MODELS[name]: (name, stage.horizons) for name, stage in d.compared.items()
+                 if name != "extended"},
+              **{label: ("extended", horizons) for label, horizons in after.items()}}
+    figures = [(label, STYLES[name], [[error_figure(horizons, HORIZON, c, kind) for c in PREDICTED]
+                                      for kind in ("pooled", "median")])
+               for label, (name, horizons) in models.items()]
+    floor = [d.noise_floor.get(c, math.nan) for c in PREDICTED]
+    figures.append((NOISE_FLOOR, STYLES[NOISE_FLOOR], [floor, [math.nan] * len(floor)]))
+    known = [i for i in range(len(PREDICTED)) if any(
+        not math.isnan(values[i]) for _, _, (values, _) in figures)]
+    rows = [charts.BarRow(label, style, *([values[i] for i in known] for values in both))
+            for label, style, both in figures if not all(math.isnan(both[0][i]) for i in known)]
+    columns = [f"{channel(PREDICTED[i])} [{CHANNEL_LABELS[PREDICTED[i]][1]}]" for i in known]
+    return charts.tabulate_bars(ERROR_CAPTION, columns, rows) if known else Html()
 
 
 def _path_figures(windows: Sequence[PathWindow]) -> Html:
@@ -119,20 +134,6 @@ def _path_figure(window: PathWindow) -> Html:
         f"({short(window.file)}, from {window.second:.2f} s)",
         charts.draw_paths(f"Path in the {window.kind} window", "ahead of the start [m]",
                           "to the left [m]", lines, round(MARK_SPACING / window.step)))
-
-
-def _error_figure(d: Diagnosis) -> Html:
-    """Draw the RMSE of all models 1 s ahead, one group of bars for each channel."""
-    models = _errors(d)
-    groups = [(f"{channel(name)} [{CHANNEL_LABELS[name][1]}]",
-               [(*errors[name], STYLES[model]) for model, errors in models.items()
-                if name in errors]) for name in PREDICTED]
-    groups = [(words, bars) for words, bars in groups if bars]
-    if not groups:
-        return Html()
-    return page.figure("Error 1 s ahead on the test recordings: RMSE, with a black tick at the "
-                       "median; each channel to its own scale",
-                       charts.draw_grouped_bars("Error 1 s ahead by channel and model", groups))
 
 
 def shares(d: Diagnosis) -> Html:

@@ -23,7 +23,7 @@ from .data_problems import neutral_notes
 from .explain import is_small
 from .glossary import glossary
 from .next_drive import next_drives
-from .overview import overview, problem_card, verdict_card
+from .overview import overview, problem_card, sentences, verdict_section
 
 NOT_WRITTEN = "not written; --out-predictor MODEL.TOML writes it"
 
@@ -59,7 +59,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
                       if d.predictor else Html()),
         "details": ("Details", _details(d, command, answer))}
     shown = {key: section for key, section in sections.items() if section[1]}
-    lead = join([verdict_card(d), problem_card(d), overview(d),
+    lead = join([verdict_section(d), sentences(d), problem_card(d), overview(d),
                  *map(builder.small_print, neutral_notes(d))])
     return builder.page(f"diagnosis of {d.model}",
                         f"What the model {Path(d.model).name} gets wrong, and why", lead, shown)

@@ -37,8 +37,22 @@ def describe_size(cause: Cause) -> str:
                      for name, number in cause.parameters.items() if known[name].alone)
 
 
+def main_size(cause: Cause) -> str:
+    """Return the sizes of a cause without their meanings: "119 +- 4 ms"; "" for none."""
+    known = {q.name: q for q in catalogue()[cause.effect].parameters}
+    return ", ".join(_value(known[name].meaning, number)
+                     for name, number in cause.parameters.items() if known[name].alone)
+
+
 def _size(meaning: str, number: ParameterEstimate) -> str:
-    """"119 +- 4 ms", "+5.9 +- 0.1 %", "0.0845 +- 0.0041 rad (4.84 deg)"."""
+    """Return a size with an example: "0.0845 +- 0.0041 rad (4.84 deg)"."""
+    example = EXAMPLES.get(number.unit)
+    shown = f" ({example(number.value)})" if example is not None and number.value else ""
+    return _value(meaning, number) + shown
+
+
+def _value(meaning: str, number: ParameterEstimate) -> str:
+    """Return "119 +- 4 ms", "+5.9 +- 0.1 %"."""
     is_share = meaning.startswith("share")
     factor, unit = (100.0, "%") if is_share else SCALES.get(number.unit, (1.0, number.unit))
     sign = "+" if unit == "%" and not is_share and number.value > 0.0 else ""
@@ -46,6 +60,4 @@ def _size(meaning: str, number: ParameterEstimate) -> str:
     std = factor * number.std
     known = math.isfinite(std) and std > 0.0
     text = sign + (with_error(value, std) if known else significant(value))
-    example = EXAMPLES.get(number.unit)
-    shown = f" ({example(number.value)})" if example is not None and number.value else ""
-    return f"{text} {unit}".rstrip() + shown
+    return f"{text} {unit}".rstrip()

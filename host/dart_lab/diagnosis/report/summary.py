@@ -14,7 +14,7 @@ from dart_lab.diagnosis.result import Cause, Diagnosis
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.report.numbers import join_names, significant
 
-from .compared import HORIZON, step_changes
+from .compared import HORIZON, MIN_ERROR_CHANGE, error_change, stages_around, step_changes
 from .data_problems import data_problems
 from .explain import inside, is_small, largest_changes
 from .patterns import next_step
@@ -174,6 +174,35 @@ def _describe_remainder(d: Diagnosis) -> str:
     high = max(ratios, key=ratios.__getitem__)
     ends = [f"{ratios[name]:.1f} ({channel(name)})" for name in dict.fromkeys((low, high))]
     return f"Left: errors of {' to '.join(ends)} times the noise floor."
+
+
+def motion_warnings(d: Diagnosis) -> list[str]:
+    """State which causes improve no prediction, and where constant velocity is better.
+
+    Predictions of the motion are compared by the RMSE 1 s ahead on the test recordings.
+    """
+    useless = [c.effect for i, c in enumerate(d.causes)
+               if (ratios := [error_change(d, *stages_around(d, i), name).ratio
+                              for name in PREDICTED])
+               and not any(ratio <= 1.0 - MIN_ERROR_CHANGE for ratio in ratios)]
+    out = []
+    if useless:
+        every = len(useless) == len(d.causes)
+        verb = "improves" if len(useless) == 1 else "improve"
+        lead = ("No cause improves a" if every else f"{join_names(useless, 'and')} {verb} no")
+        source = ": what is gained there comes from the refit" * (
+            every and "refitted" in d.compared)
+        out.append(f"{lead} prediction of the motion{source}.")
+    last = d.stages[-1].horizons
+    errors = {name: (error_figure(d.ctrv, HORIZON, name), error_figure(last, HORIZON, name))
+              for name in PREDICTED}
+    beaten = [f"{channel(name)} ({significant(held)} against {significant(model)} "
+              f"{CHANNEL_LABELS[name][1]})" for name, (held, model) in errors.items()
+              if held < model]
+    if beaten:
+        out.append("Constant velocity predicts better than the model: "
+                   f"{join_names(beaten, 'and')}.")
+    return out
 
 
 def median_warnings(d: Diagnosis) -> list[str]:

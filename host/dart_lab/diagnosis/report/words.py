@@ -47,8 +47,13 @@ def change(q: QuantityChange | ParameterChange) -> str:
         errors = significant(abs(q.after - q.before) / q.std, 2)
         parts.append(f"{errors} standard error{'' if errors == '1' else 's'}")
     note = f" ({', '.join(parts)})" if parts else ""
-    after = quantity(ParameterEstimate(q.after, q.std, q.unit))
-    return f"{significant(q.before, 4)} -> {after}{note}"
+    return quantity_change(q) + note
+
+
+def quantity_change(q: QuantityChange | ParameterChange) -> str:
+    """"0.294 -> 0.351 +- 0.004 N"."""
+    return (f"{significant(q.before, 4)} -> "
+            f"{quantity(ParameterEstimate(q.after, q.std, q.unit))}")
 
 
 def predictor(b: BestPredictor) -> str:

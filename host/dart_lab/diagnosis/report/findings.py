@@ -1,0 +1,76 @@
+"""Findings in one line each: name, size with its error, share, status."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dart_lab.diagnosis.result import Cause, Claim, Diagnosis, Possible
+from dart_lab.report.numbers import percent
+
+from .explain import is_small, is_small_change
+from .physical import main_size
+from .words import channel, interval, quantity_change, short_title
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line.
+
+    share: of an error that it removes. status: accepted, substitute, possible, ... anchor: of its
+    evidence on the page.
+    """
+
+    name: str
+    size: str
+    share: str
+    status: str
+    anchor: str
+
+    @property
+    def line(self) -> str:
+        """The finding for the terminal."""
+        known = self.share and f"removes {self.share}"
+        return f"{self.status}: {'; '.join(filter(None, (self.name, self.size, known)))}"
+
+
+def list_findings(d: Diagnosis) -> list[Finding]:
+    """List wrong parameters, causes, small corrections, then candidates that were not accepted."""
+    wrong, small = ([_describe_claim(c) for c in d.claims if is_small(c) == kind]
+                    for kind in (False, True))
+    return [*wrong, *(_describe_cause(c, i) for i, c in enumerate(d.causes)), *small,
+            *map(_describe_possible, d.possible)]
+
+
+def _describe_cause(cause: Cause, i: int) -> Finding:
+    gain = cause.gain
+    share = ""
+    if math.isfinite(gain.test):
+        verb = "" if gain.test >= 0.0 else "adds "
+        known = f" ({interval(gain)})" if math.isfinite(gain.low + gain.high) else ""
+        share = f"{verb}{percent(abs(gain.test))}{known} of the {channel(gain.channel)} error"
+    status = "accepted" if cause.constancy.constant else "substitute"
+    return Finding(f"{short_title(cause)} ({cause.effect})", main_size(cause), share, status,
+                   f"cause-{i + 1}")
+
+
+def _describe_claim(claim: Claim) -> Finding:
+    # The quantity that moved most, by its standard errors, among those that moved by much.
+    name, change = max(claim.quantities.items(), default=("", None), key=lambda entry: (
+        not is_small_change(entry[1]), abs(entry[1].after - entry[1].before)
+        / max(entry[1].std, 1e-12)))
+    size = f"{name} {quantity_change(change)}" if change is not None else ""
+    ratio, low, high = claim.cost
+    share = ""
+    if math.isfinite(ratio):
+        gain, least, most = (1.0 - 1.0 / value for value in (ratio, low, high))
+        verb = "" if gain >= 0.0 else "adds "
+        known = f" ({percent(least)} to {percent(most)})" if math.isfinite(least + most) else ""
+        share = f"{verb}{percent(abs(gain))}{known} of the motion error"
+    return Finding(f"{claim.title}", size, share,
+                   "small correction" if is_small(claim) else "wrong parameter", "claims")
+
+
+def _describe_possible(p: Possible) -> Finding:
+    return Finding(f"{short_title(p)} ({p.effect}), probability {p.probability:.2f}", "", "",
+                   p.grade, "rejected")
