@@ -244,6 +244,7 @@ class Car:
         # The steps run from the last to the first, each also after an error of another:
         # engine (neutral), thread, recording, backend, exit handler.
         with ExitStack() as steps:
+            steps.callback(self._timer.report_overruns, waits=self._engine.backend.virtual)
             steps.callback(atexit.unregister, self.close)
             steps.callback(self._engine.backend.close)
             steps.callback(self._recorder.close)
@@ -312,7 +313,7 @@ class Car:
         if self._pump is None or self._closed:
             raise closed_error("states()")
         armed = self._engine.driver.mode in (ArmState.ARMED, ArmState.RAW)
-        self._timer.record_request(every, armed=armed, waits=self._engine.backend.virtual)
+        self._timer.record_request(every, armed=armed)
         frames = 0
         while frames < every:
             state, skipped = self._pump.next(timeout)

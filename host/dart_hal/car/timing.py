@@ -21,6 +21,8 @@ MAX_LOOP_PERIODS = 1000
 # s by which the computation for one State may exceed the period. Beyond, at 100 Hz, one PWM frame
 # of 20 ms has repeated the previous command.
 MAX_OVERRUN = SAMPLE
+# Share of the rounds above which late ones are reported: a few per hundred are the computer's.
+MAX_LATE_SHARE = 0.05
 VIRTUAL_TIME_ADVICE = "this car waits for its program, a real one drives on: try sim://?pace=1"
 REAL_TIME_ADVICE = ("those between are skipped; the car drives on with a command only while it is "
                     "valid")
@@ -79,6 +81,9 @@ class LoopTimer:
         self._frames = 0
         self._frames_by_thread: dict[int, int] = {}
         self.skipped = self.late = self.elsewhere = 0
+        self._armed_rounds = 0
+        self._longest_late = 0.0
+        self._late_period = float("nan")
 
     def begin(self) -> None:
         """Start a loop of this thread; States read before it are not lost to it."""
@@ -107,22 +112,31 @@ class LoopTimer:
         """Note that a State is passed to the loop."""
         self._delivered_at = self._wall()
 
-    def record_request(self, every: int, *, armed: bool, waits: bool) -> None:
-        """Note that the loop requests the next State; count an overrun, and warn of the first.
+    def record_request(self, every: int, *, armed: bool) -> None:
+        """Note that the loop requests the next State, and count an overrun.
 
-        every: frames per State. armed: only then an overrun counts. waits: virtual time.
+        every: frames per State. armed: only then a round and its overrun count.
         """
         work, self._delivered_at = self._wall() - self._delivered_at, float("nan")
         if work == work:  # the first State, and one after an error, answer none
             self._work.append(work)
         period = every * SAMPLE
-        if armed and work >= period + MAX_OVERRUN:
-            self.late += 1
-            if self.late == 1:
-                log.warning("the loop took %.0f ms for one State, and they come each %.0f ms: %s; "
-                            "car.timing counts the late rounds", 1e3 * work, 1e3 * period,
-                            VIRTUAL_TIME_ADVICE if waits else REAL_TIME_ADVICE,
-                            extra={"waits": waits})
+        if armed and work == work:
+            self._armed_rounds += 1
+            if work >= period + MAX_OVERRUN:
+                self.late += 1
+                if work > self._longest_late:
+                    self._longest_late = work
+                    self._late_period = period
+
+    def report_overruns(self, *, waits: bool) -> None:
+        """Warn once, at the end of a drive, if too many rounds were late; waits: virtual time."""
+        if self.late <= MAX_LATE_SHARE * self._armed_rounds:
+            return
+        log.warning("the loop was late in %d of %d rounds: it took up to %.0f ms for one State, "
+                    "and they come each %.0f ms; %s", self.late, self._armed_rounds,
+                    1e3 * self._longest_late, 1e3 * self._late_period,
+                    VIRTUAL_TIME_ADVICE if waits else REAL_TIME_ADVICE, extra={"waits": waits})
 
     def quantiles(self) -> tuple[float, float, float]:
         """Return median, 99 % quantile and maximum [s] of the periods; NaN before two States."""

@@ -65,8 +65,8 @@ table.bars { width: 100%; table-layout: fixed; margin: .8rem 0 } .bars th { font
 .bars thead th:first-child { width: 18% }
 .bars thead th { vertical-align: bottom; font-weight: 600 } .bars svg { height: 8px }
 .bars rect, .bars line { vector-effect: non-scaling-stroke }
-@media (max-width: 40rem) { .bars { font-size: .72rem }
-  .bars thead th { font-size: .66rem } .bars thead th:first-child { width: 21% } .bars td, .bars th { padding-right: .3rem }
+@media (max-width: 40rem) { .bars { font-size: .72rem } .bars thead th { font-size: .66rem }
+  .bars thead th:first-child { width: 21% } .bars td, .bars th { padding-right: .3rem }
   nav a { white-space: normal } .n, .s { white-space: normal } td, th { padding-right: .6rem } }
 code { background: var(--box); padding: .1em .3em;
   border-radius: 3px; font-size: .9em; overflow-wrap: anywhere }

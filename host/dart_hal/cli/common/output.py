@@ -66,7 +66,11 @@ def show_notices(lines: tuple[str, ...]) -> None:
 
 
 def progress_bar() -> Progress:
-    """Return a progress bar on standard error that disappears at its end."""
+    """Return a progress bar on standard error that disappears at its end.
+
+    Without a terminal there is none: it would leave an empty line.
+    """
     return Progress(TextColumn("{task.description}"), BarColumn(),
                     TextColumn("{task.percentage:>3.0f}%"), TimeRemainingColumn(),
-                    console=console, transient=True)
+                    console=console, transient=True,
+                    disable=not console.is_terminal)
