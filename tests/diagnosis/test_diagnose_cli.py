@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import pytest
 
+from dart_hal.cli.common.output import count_notices
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_model
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
-from dart_lab.pages.diagnose_table import show
+from dart_lab.diagnosis.result import Possible
+from dart_lab.pages.diagnose_table import show, show_full
 from studies.diagnosis import hidden_drive
 from tests.diagnosis import made_by_hand as made
 
@@ -35,6 +37,9 @@ def run(capsys):
         out, err = capsys.readouterr()
         return ended.value.code, (json.loads(out) if "--json" in words else out), err
     return call
+
+
+POSSIBLE_CAUSES = tuple(Possible("mass", "is heavier", 0.9, 40.0) for _ in range(10))
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +106,7 @@ def test_diagnosing_a_model_on_what_it_was_fitted_to_is_reported(whole, files, r
 
 
 def test_the_terminal_shows_verdict_causes_errors_and_doubts(capsys):
-    show(made.diagnosis())
+    show_full(made.diagnosis())
     text = " ".join(capsys.readouterr().out.split())
     for words in ("one cause in the motion and one in the sensors explain part of it",
                   "additional time constant of the steering 118.7 +- 4.3 ms",
@@ -114,8 +119,33 @@ def test_the_terminal_shows_verdict_causes_errors_and_doubts(capsys):
 
 
 def test_the_terminal_takes_a_dozen_lines(capsys):
-    show(replace(made.diagnosis("explained", 1, False), considered=(), refitted={}))
+    show_full(replace(made.diagnosis("explained", 1, False), considered=(), refitted={}))
     assert len(capsys.readouterr().out.splitlines()) <= 12
+
+
+def test_without_full_the_verdict_takes_three_lines_and_all_with_its_causes_ten(capsys):
+    show(made.diagnosis())
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("The model is wrong: one cause in the motion")
+    assert lines[1].startswith("errors 1 s ahead on the test recordings: speed 0.0276 -> 0.023 m/s")
+    assert lines[2].startswith("First: ")
+    assert lines[3] == "  gyro_scale improves no prediction of the motion."
+    assert lines[4].startswith("  accepted: turns its wheels more slowly (steering_lag); 118.7")
+    assert len(lines) == 6
+    many = replace(made.diagnosis(), possible=POSSIBLE_CAUSES)
+    show(many)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 11
+    assert lines[-1].endswith("and 6 more (--full)")
+
+
+def test_notices_are_counted_and_listed_by_full(capsys):
+    count_notices(("one", "two"), full=False)
+    assert capsys.readouterr().err == "2 notices (--full)\n"
+    count_notices(("one", "two"), full=True)
+    assert capsys.readouterr().err == "notice: one\nnotice: two\n"
+    count_notices((), full=False)
+    assert capsys.readouterr().err == ""
 
 
 def test_the_terminal_states_no_step_where_nothing_was_changed(capsys):
@@ -129,7 +159,7 @@ def test_the_terminal_states_no_step_where_nothing_was_changed(capsys):
 @pytest.mark.long
 def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(files, run):
     code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
-                         "--only", "gyro_scale")
+                         "--only", "gyro_scale", "--full")
     assert code == 0
     for words in ("steering_lag: The car turns", "constant velocity", "on the test recordings"):
         assert words in out

@@ -23,7 +23,7 @@ from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
-from dart_lab.pages.diagnose_table import show
+from dart_lab.pages.diagnose_table import show_full
 from studies.diagnosis.events import add_gusts, lose_commands
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger import Car
@@ -126,7 +126,7 @@ def test_terminal_page_and_verdict_state_late_commands(capsys):
     d = replace(made.diagnosis("unexplained", 0, False), late_commands=LATE_COMMANDS, considered=())
     assert d.to_json()["late_commands"]["moments"][0]["second"] == 12.3
     assert "some commands act later than they were logged" in headline(d)
-    show(d)
+    show_full(d)
     text = " ".join(capsys.readouterr().out.split())
     for words in ("21 % of the changes of a command act later", "by 0.06 s", "19/a.csv at 12.3 s"):
         assert words in text

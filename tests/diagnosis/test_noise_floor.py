@@ -20,7 +20,7 @@ from dart_lab.diagnosis.noise_floor import (
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.identification.evaluation.prediction import CHANNELS
-from dart_lab.pages.diagnose_table import show
+from dart_lab.pages.diagnose_table import show_full
 from studies.diagnosis.events import add_gusts
 from tests.diagnosis import made_by_hand as made
 from tests.diagnosis.searched import fitted_side
@@ -155,7 +155,7 @@ def test_terminal_and_page_state_the_floor_and_what_is_above_it(capsys):
     error = d.stages[-1].horizons["1.0"]["pooled"]["yaw_rate"]
     assert [e.channel for e in d.excesses if e.channel == "yaw_rate"] == ["yaw_rate"]
     assert d.to_json()["noise_floor"] == NOISE_FLOOR
-    show(d)
+    show_full(d)
     text = " ".join(capsys.readouterr().out.split())
     line = (f"yaw rate {error:.3g} rad/s after 1 s, {error / 0.02:.1f} times the noise floor of "
             "0.02 rad/s")
@@ -170,6 +170,6 @@ def test_terminal_and_page_state_the_floor_and_what_is_above_it(capsys):
 def test_a_diagnosis_without_a_floor_does_not_mention_one(capsys):
     """The control."""
     d = made.diagnosis("nothing_wrong", 0, False)
-    show(d)
+    show_full(d)
     assert "noise floor" not in capsys.readouterr().out
     assert d.excesses == ()

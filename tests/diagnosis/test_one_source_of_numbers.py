@@ -20,7 +20,7 @@ from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.diagnosis.result import Considered, Possible
-from dart_lab.pages.diagnose_table import show
+from dart_lab.pages.diagnose_table import show_full
 from dart_lab.report.numbers import percent, significant
 from tests.diagnosis import made_by_hand as made
 from tests.diagnosis.searched import drive
@@ -56,7 +56,7 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     document = json.loads(json.dumps(d.to_json()))
     by_json = [s["errors"]["1.0"]["pooled"]["vy"] for s in document["stages"]]
     assert document["causes"][0]["gain"]["test"] == pytest.approx(1.0 - by_json[1] / by_json[0])
-    show(d)
+    show_full(d)
     text = " ".join(capsys.readouterr().out.split())
     before, after = (significant(v) for v in by_json[:2])
     assert f"lateral velocity error 1 s ahead on the test recordings falls: {before} -> {after}" \

@@ -22,7 +22,7 @@ from dart_lab.diagnosis.error_summaries import geometric_mean
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.words import predictor
 from dart_lab.diagnosis.write import predictor_model, write_predictor
-from dart_lab.pages.diagnose_table import show
+from dart_lab.pages.diagnose_table import show_full
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
@@ -124,7 +124,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
     pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
 def test_terminal_page_and_json_state_the_same(hidden, sentence, capsys):
     d = diagnose_hidden(hidden)
-    show(d)
+    show_full(d)
     assert sentence in " ".join(capsys.readouterr().out.split())
     text = page(d)
     assert sentence in text

@@ -20,7 +20,13 @@ from dart_hal.cli.common.options import (
     html_option,
     json_option,
 )
-from dart_hal.cli.common.output import console, print_json, progress_bar, show_notices
+from dart_hal.cli.common.output import (
+    console,
+    count_notices,
+    print_json,
+    progress_bar,
+    show_notices,
+)
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.config import ModelFile
@@ -76,6 +82,8 @@ Skipped = list[tuple[str, str]]
                    "but known for the published recordings)")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="seed of the random draws for intervals and significance")
+@click.option("--full", is_flag=True,
+              help="print every sentence, the errors by model and every notice")
 @click.option("--suggest", is_flag=True,
               help="suggest a drive that distinguishes causes which these data cannot")
 @click.argument("loose", nargs=-1, metavar="")
@@ -84,7 +92,7 @@ Skipped = list[tuple[str, str]]
 def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, out_predictor: Path | None, html: Path | None,
             only: tuple[str, ...], exclude: tuple[str, ...], false_alarm: float, max_causes: int,
-            jobs: int | None, reference: Reference | None, seed: int, suggest: bool,
+            jobs: int | None, reference: Reference | None, seed: int, full: bool, suggest: bool,
             loose: tuple[str, ...], car_name: str | None, cars: Path | None,
             as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
@@ -145,13 +153,15 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
 
         write_page(d, html, command=typed, answer=answer,
                    suggestions=suggestions if suggest else None, drives=drives)
-    show_notices(tuple(note for note in d.notes if note not in sizes.lines))
+    notes = tuple(note for note in d.notes if note not in sizes.lines)
     if as_json:
+        show_notices(notes)
         print_json(answer)
         return
-    from dart_lab.pages.diagnose_table import show
+    from dart_lab.pages.diagnose_table import show, show_full
 
-    show(d)
+    (show_full if full else show)(d)
+    count_notices(notes, full)
     if suggest:
         from dart_lab.pages.diagnose_suggest import show_suggestions
 

@@ -12,9 +12,15 @@ from rich.table import Table
 from dart_hal.cli.common.output import output, print_line, results
 from dart_lab.diagnosis.report.compared import step_changes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim
+from dart_lab.diagnosis.report.findings import list_findings
 from dart_lab.diagnosis.report.overview import CONSTANT_VELOCITY, NOISE_FLOOR
 from dart_lab.diagnosis.report.patterns import describe_pattern
-from dart_lab.diagnosis.report.summary import headline, summary_lines
+from dart_lab.diagnosis.report.summary import (
+    first_step,
+    headline,
+    motion_warnings,
+    summary_lines,
+)
 from dart_lab.diagnosis.report.words import (
     CHANNEL_LABELS,
     channel,
@@ -30,6 +36,8 @@ from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.report.numbers import significant
 
+# Warnings and findings without --full; with the verdict these are ten lines.
+MAX_LINES = 7
 # Width of the table in columns, also in a narrower terminal.
 MIN_TABLE_WIDTH = 86
 # Terminal width from which medians are printed as well. The table with a refit and causes is
@@ -39,8 +47,34 @@ STAGE_TITLES = {"given": "given", "refitted": "refitted", "extended": "with caus
 
 
 def show(d: Diagnosis) -> None:
-    """Print the verdict, one line for each finding, the errors by model, and all doubts."""
+    """Print verdict, errors and first step in three lines, then one line for each finding."""
     print_line(headline(d), style="bold")
+    changes = _describe_errors(d)
+    if changes:
+        print_line(f"errors 1 s ahead on the test recordings: {changes}")
+    print_line(f"First: {first_step(d)}")
+    lines = [*motion_warnings(d), *(finding.line for finding in list_findings(d))]
+    for line in lines[:MAX_LINES]:
+        print_line(f"  {line}")
+    if len(lines) > MAX_LINES:
+        print_line(f"  and {len(lines) - MAX_LINES} more (--full)", style="dim")
+
+
+def _describe_errors(d: Diagnosis) -> str:
+    """"speed 0.392 -> 0.0443 m/s, ...": the model as given, and the last one."""
+    first, last = (stage.horizons for stage in (d.stages[0], d.stages[-1]))
+    errors = {name: [error_figure(horizons, "1.0", name) for horizons in (first, last)]
+              for name in PREDICTED}
+    return ", ".join(f"{channel(name)} {' -> '.join(map(significant, both[:len(d.compared)]))} "
+                     f"{CHANNEL_LABELS[name][1]}" for name, both in errors.items()
+                     if all(map(math.isfinite, both)))
+
+
+def show_full(d: Diagnosis) -> None:
+    """Print the verdict, all sentences on each finding, the errors by model, and all doubts."""
+    print_line(headline(d), style="bold")
+    for line in motion_warnings(d):
+        print_line(f"  {line}", style="yellow")
     for line in summary_lines(d):
         print_line(f"  {line}")
     for claim in d.claims:

@@ -65,6 +65,16 @@ def show_notices(lines: tuple[str, ...]) -> None:
         console.print(f"notice: {line}", style="yellow", markup=False, highlight=False)
 
 
+def count_notices(lines: tuple[str, ...], full: bool) -> None:
+    """Print the number of notices on standard error, or with ``full`` each of them."""
+    if full:
+        show_notices(lines)
+    elif lines:
+        s = "" if len(lines) == 1 else "s"
+        console.print(f"{len(lines)} notice{s} (--full)", style="yellow", markup=False,
+                      highlight=False)
+
+
 def progress_bar() -> Progress:
     """Return a progress bar on standard error that disappears at its end.
 
