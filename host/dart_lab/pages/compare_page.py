@@ -72,9 +72,9 @@ def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
     differ = table(("what", "A", "B"), difference_rows(found.differs))
     sentence = lead(found)
     sections = {
+        "pictures": ("Side by side", _pictures(found)),
         "runs": ("The two runs", table(
             ("", "run", "car", "lasts", "drove", "lost / damaged frames", "firmware"), runs, 3)),
-        "pictures": ("Side by side", _pictures(found)),
         "statistics": ("Statistics", table(head, rows, 2)),
         "differ": ("What differs", differ or el(
             "p", "Car, firmware and files of the car are the same.")),

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from dart_lab.identification.evaluation import CHANNELS, ERROR_UNITS, HORIZONS, Evaluation
-from dart_lab.identification.evaluation.pictures import figures
+from dart_lab.identification.evaluation.pictures import TITLES, figures
 from dart_lab.pages.evaluate_table import CHANNEL_TITLES, caution, describe_gains
-from dart_lab.report import page
+from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import significant
+from dart_lab.report.numbers import join_names, significant
 from dart_lab.report.page import image
 
 ERROR_COLUMNS = [f"{head} [{unit}]" for head, unit in zip(CHANNEL_TITLES, ERROR_UNITS, strict=True)]
@@ -29,16 +29,18 @@ def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
     drawn = [page.figure(FIGURE_TITLES[name], image(figure, FIGURE_TITLES[name]))
              for name, figure in figures(e).items()]
     warning = caution(e)
-    lead, *gains = describe_gains(e)
+    heading, *gains = describe_gains(e)
     limit = e.limit.sentences() if e.limit is not None else []
-    result = page.card(el("p", lead[:1].upper() + lead[1:], class_="big"), page.items(gains),
+    result = page.card(el("p", _verdict(e), class_="big"),
                        page.notices([*cautions, *([f"Caution: {warning}"] if warning else [])]),
                        good=all(g.low > 0.0 for g in e.gain_over_ctrv(1.0).values()))
+    folded = page.foldable(heading[:1].upper() + heading[1:].rstrip(":"), page.items(gains))
     by_file = [row for file in e.model.slices for row in _rows(e, file, 1.0, file)]
     files = [(name, str(use.windows), "; ".join(use.why)) for name, use in e.prepared.files.items()]
     return page.write(path, page.page(
         f"evaluation of {e.vehicle.name}",
-        f"How well {e.vehicle.name} ({e.vehicle.kind}) predicts, open loop", result, {
+        f"How well {e.vehicle.name} ({e.vehicle.kind}) predicts, open loop",
+        join([result, _draw_errors(e), folded]), {
             "errors": ("Errors by horizon", _error_table(
                 [row for h in HORIZONS for row in _rows(e, f"after {h:g} s", h, None)])),
             "pictures": ("Pictures", join(drawn)),
@@ -46,6 +48,28 @@ def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
             "recordings": ("Errors after 1 s by recording", _error_table(by_file)),
             "files": ("Recordings", table(("file", "windows", "why"), files)),
             "numbers": ("All numbers", page.download(answer, "evaluation.json"))}))
+
+
+def _verdict(e: Evaluation) -> str:
+    """State which channels are predicted better than by constant velocity, and which worse."""
+    gains = dict(zip(CHANNELS, e.gain_over_ctrv(1.0).values(), strict=True))
+    better, worse = ([TITLES[c] for c, g in gains.items() if (g.value > 0.0) == kind]
+                     for kind in (True, False))
+    if not better:
+        return "Constant velocity predicts every channel better, 1 s ahead."
+    rest = f", but {join_names(worse, 'and')} worse" if worse else ""
+    return (f"{e.vehicle.name} predicts {join_names(better, 'and')} better than constant velocity"
+            f"{rest}, 1 s ahead.")
+
+
+def _draw_errors(e: Evaluation) -> Html:
+    """Draw the RMSE 1 s ahead of constant velocity and the model; ticks are medians."""
+    rows = [charts.BarRow(name, style, [score.rmse(1.0)[c] for c in CHANNELS],
+                          [score.median(1.0)[c] for c in CHANNELS])
+            for name, style, score in (("constant velocity", "other", e.ctrv),
+                                       (e.vehicle.name, "after", e.model))]
+    return charts.tabulate_bars("Error left 1 s ahead: RMSE, each column to its own scale; black "
+                                "tick: median", ERROR_COLUMNS, rows)
 
 
 def _error_table(rows: Sequence[Sequence[str]]) -> Html:

@@ -32,10 +32,10 @@ def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Map
     drawn = [page.figure(name.replace("_", " "), image(f, name)) for name, f in figures.items()]
     return page.write(path, page.page("identification", "The car, identified from recordings",
                                       _result(outcome, cautions), {
-        "fits": ("Parameters", _tables(outcome)),
         "pictures": ("Data, fit, and the paper's curve", join([
             *drawn, *(page.small_print(f"No picture of {name}: {why}.")
                       for name, why in missing.items())])),
+        "fits": ("Parameters", _tables(outcome)),
         "notes": ("Notes", page.items(f"{', '.join(names)}: {note}"
                                       for note, names in group_notes(outcome).items())),
         "files": ("Recordings", table(

@@ -115,6 +115,9 @@ def write_page(report: CarReport, path: Path, answer: dict[str, Any]) -> Path:
     todo = report.to_do()
     lead = "Nothing needs attention." if not todo else "What needs attention:"
     card = page.card(el("p", lead, class_="big"), page.items(todo), good=not todo)
+    # The picture first; it has no place beside the list on a phone, where both are stacked.
+    steering_map = _map(report)
+    top = el("div", steering_map, card, class_="pair") if steering_map else card
     # z, the difference over its standard error, is unknown where a value has no standard error.
     changes = [(c.name, _number(c.before), _number(c.now),
                 "-" if math.isnan(c.z) else f"{c.z:.1f}")
@@ -128,7 +131,7 @@ def write_page(report: CarReport, path: Path, answer: dict[str, Any]) -> Path:
             if changes or report.list_run_changes() else el("p", "No change is recorded.")),
         "numbers": ("All numbers", page.download(answer, "report.json"))}
     name = report.files.config.name
-    return page.write(path, page.page(f"report of {name}", f"The car {name}", card, sections))
+    return page.write(path, page.page(f"report of {name}", f"The car {name}", top, sections))
 
 
 def _calibration(report: CarReport) -> Html:
@@ -142,7 +145,7 @@ def _calibration(report: CarReport) -> Html:
     if isinstance(when, datetime):
         aware = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
         age = f"Last written {aware:%d %B %Y}, {(report.now - aware).days} days ago. "
-    return join([el("p", f"{age}File: {report.files.folder}/calibration.toml."), _map(report),
+    return join([el("p", f"{age}File: {report.files.folder}/calibration.toml."),
                  table(("quantity", "value", "90 % interval", "how it was measured"), rows, 1)])
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from dart_lab.report import page
+from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
 
 from .stages import DIAGNOSIS_PAGE, STAGES, StageResult
 
 PAGE = "index.html"
+# Colour of each model in the first picture.
+STYLES = {"start": "before", "fitted": "after", "constant velocity": "other"}
 
 
 # Stages whose table is the result; those of the others open by a click.
@@ -42,4 +44,17 @@ def write_study_page(results: Mapping[str, StageResult], path: Path, car: str) -
                 if stage == "diagnosis" else Html()))
         sections[stage] = (f"{stage.capitalize()}: {question}", content)
     verdicts = page.items(f"{stage}: {result.verdict}" for stage, result in results.items())
-    return page.write(path, page.page(f"study of {car}", f"Study of {car}", verdicts, sections))
+    lead = join((_draw_validation(results), verdicts))
+    return page.write(path, page.page(f"study of {car}", f"Study of {car}", lead, sections))
+
+
+def _draw_validation(results: Mapping[str, StageResult]) -> Html:
+    """Draw the errors of the models that the validation compares; empty if it was not run."""
+    result = results.get("validation")
+    if result is None or len(result.rows) < 2:
+        return Html()
+    (_, *models), *rows = result.rows
+    bars = [charts.BarRow(name, STYLES.get(name, "car"), [float(row[i + 1]) for row in rows])
+            for i, name in enumerate(models)]
+    return charts.tabulate_bars("Error left 1 s ahead on the test recordings: RMSE, each column to "
+                                "its own scale", [row[0] for row in rows], bars)
