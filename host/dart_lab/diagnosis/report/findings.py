@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_lab.diagnosis.result import Cause, Claim, Diagnosis, Possible
+from dart_lab.diagnosis.result import Cause, Claim, Diagnosis, Possible, QuantityChange
 from dart_lab.report.numbers import percent
 
 from .explain import is_small, is_small_change
@@ -55,11 +55,11 @@ def _describe_cause(cause: Cause, i: int) -> Finding:
 
 
 def _describe_claim(claim: Claim) -> Finding:
-    # The quantity that moved most, by its standard errors, among those that moved by much.
-    name, change = max(claim.quantities.items(), default=("", None), key=lambda entry: (
-        not is_small_change(entry[1]), abs(entry[1].after - entry[1].before)
-        / max(entry[1].std, 1e-12)))
-    size = f"{name} {quantity_change(change)}" if change is not None else ""
+    size = ""
+    if claim.quantities:
+        # The quantity that moved most, by its standard errors, among those that moved by much.
+        name = max(claim.quantities, key=lambda key: _significance(claim.quantities[key]))
+        size = f"{name} {quantity_change(claim.quantities[name])}"
     ratio, low, high = claim.cost
     share = ""
     if math.isfinite(ratio):
@@ -69,6 +69,11 @@ def _describe_claim(claim: Claim) -> Finding:
         share = f"{verb}{percent(abs(gain))}{known} of the motion error"
     return Finding(f"{claim.title}", size, share,
                    "small correction" if is_small(claim) else "wrong parameter", "claims")
+
+
+def _significance(q: QuantityChange) -> tuple[bool, float]:
+    """Return whether a quantity moved by much, and by how many standard errors."""
+    return not is_small_change(q), abs(q.after - q.before) / max(q.std, 1e-12)
 
 
 def _describe_possible(p: Possible) -> Finding:
