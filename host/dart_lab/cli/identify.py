@@ -24,7 +24,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.recording.dart.one_car import refuse_several_cars
+from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
@@ -161,6 +161,8 @@ def _read_recordings(files: Sequence[Path], reference: Reference | None, car_nam
     # the parameters of no car.
     refuse_several_cars(recordings)
     refuse_reversed_steering(recordings)
+    for caution in caution_several_cars(recordings):
+        console.print(f"caution: {caution}", style="yellow", markup=False, highlight=False)
     return recordings, skipped
 
 

@@ -16,7 +16,7 @@ from dart_hal.car.runs import read_run
 from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
-from dart_hal.recording.dart.one_car import refuse_several_cars
+from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.vehicle.effects import catalogue, find_effect, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
@@ -74,7 +74,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     refuse_overlap(train, test)
     refuse_several_cars([*train, *test])
     check_drive([*train, *test], p)
-    notes: list[str] = []
+    notes = list(caution_several_cars([*train, *test]))
     sets = [_drop_copies(part, notes) for part in (train, test)]
     for r in (*sets[0], *sets[1]):
         check_units(r, policy)

@@ -23,7 +23,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.plain_json import plain
 from dart_hal.recording.check import RecordingCheck, check
 from dart_hal.recording.dart import Recording
-from dart_hal.recording.dart.one_car import refuse_several_cars
+from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.diagnosis import diagnose
@@ -168,6 +168,7 @@ def _check(study: Study, progress: Progress | None) -> StageResult:
     seconds = sum(c.facts.duration for c in good)
     lines = [f"{len(study.recordings) - len(good)} recordings are good for nothing"] \
         if len(good) < len(study.recordings) else []
+    lines += caution_several_cars(study.recordings)
     lines.append(f"train: {', '.join(r.name for r in train)}; test: "
                  f"{', '.join(r.name for r in test)}"
                  + (", other stretches of the same recording" if len(good) == 1 else ""))

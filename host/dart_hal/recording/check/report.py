@@ -13,6 +13,7 @@ import numpy as np
 from dart_hal.recording.dart import Reference, with_marker_frames
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.model import Recording
+from dart_hal.recording.dart.one_car import describe_difference, find_car_difference
 
 from .facts import Range, RecordingFacts, facts, named_time
 from .findings import Finding, findings
@@ -136,8 +137,12 @@ def summary(checks: Sequence[RecordingCheck]) -> CheckSummary:
 
 
 def _note_differences(checks: Sequence[RecordingCheck]) -> list[str]:
-    """Return notes on encoder constants, order and copies of several recordings."""
+    """Return notes on cars, encoder constants, order and copies of several recordings."""
     notes = []
+    difference = find_car_difference([c.recording for c in checks])
+    if difference is not None:
+        notes.append("recordings of two cars, or of one that was changed in between: "
+                     f"{describe_difference(difference)}; fit each group by itself")
     quanta = sorted(c.recording.quantum for c in checks if c.recording.quantum)
     groups = [q for i, q in enumerate(quanta)
               if i == 0 or q > quanta[i - 1] * (1.0 + QUANTUM_TOLERANCE)]
