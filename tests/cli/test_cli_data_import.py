@@ -29,7 +29,18 @@ def test_a_log_is_imported_and_checked(verb, log):
     assert facts["schema"] == "run"
     again = verb("data", "import", log / "log.csv", "--map", log / "map.toml",
                  "--out", log / "run.mcap")
-    assert "run.1.mcap" in again.err
+    assert "is replaced: it was an import" in again.err
+    assert not (log / "run.1.mcap").exists()
+
+
+def test_a_recording_that_is_no_import_is_kept(verb, log):
+    for number, content in enumerate((b"a drive", b"another"), 1):
+        (log / "run.mcap").write_bytes(content)
+        ran = verb("data", "import", log / "log.csv", "--map", log / "map.toml",
+                   "--out", log / "run.mcap")
+        assert f"run.{number}.mcap is the recording that was there" in ran.err
+        assert (log / f"run.{number}.mcap").read_bytes() == content
+    assert is_imported(log / "run.mcap")
 
 
 def test_a_contradiction_is_refused_and_nothing_is_written(verb, log):

@@ -14,7 +14,12 @@ from dart_hal.cli.common.output import console, print_json, print_line, results
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.text_file import read_text
-from dart_hal.recording.imported import STREAM_COLUMNS, ImportedData, write_imported
+from dart_hal.recording.imported import (
+    STREAM_COLUMNS,
+    ImportedData,
+    is_imported,
+    write_imported,
+)
 from dart_lab.importing import (
     ImportFinding,
     check_data,
@@ -32,7 +37,9 @@ def guess_import(files: Sequence[Path], out: Path | None, as_json: bool) -> int:
                          remedy="--guess --out map.toml, then --map map.toml --out run.mcap")
     found = guess_map(read_tables(files))
     if out is not None:
-        rename_existing(out)
+        kept = rename_existing(out)
+        if kept is not None:
+            console.print(f"{kept} is the map that was there", markup=False, highlight=False)
         out.write_text(found.text, encoding="utf-8")
     if as_json:
         print_json({"map": found.text, "evidence": found.evidence, "questions": found.questions,
@@ -76,20 +83,34 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     if target.suffix != ".mcap":
         raise UsageError(f"{target} is no recording", found=target.name,
                          expected="a name that ends in .mcap", remedy="--out run.mcap")
-    # An older recording gets a number: it may be of another map.
-    old = rename_existing(target)
+    # An older import can be made again from its log. It would count twice in a folder, perhaps with
+    # a wrong map, so it is replaced. A recording of another kind is kept under a number.
+    replaced = target.is_file() and _is_import(target)
+    old = None if replaced else rename_existing(target)
     write_imported(data, target)
     if as_json:
         print_json(_to_json(data, findings, target, old))
         return 0
+    if replaced:
+        console.print(f"{target} is replaced: it was an import, which its log gives again",
+                      markup=False, highlight=False)
     if old is not None:
-        console.print(f"the recording that was there is now {old}", markup=False, highlight=False)
+        console.print(f"{old} is the recording that was there: it is no import, so it is kept",
+                      markup=False, highlight=False)
     console.print(f"written: {target}", markup=False, highlight=False)
     if car is None:
         print_line("no car is named: its sizes are needed for a fit; dart-hal car new NAME, then "
                    "--car NAME", "yellow")
     console.print(f"next: dart-hal data check {target}", markup=False, highlight=False)
     return 0
+
+
+def _is_import(path: Path) -> bool:
+    """Return whether a file is an import; a damaged file is none."""
+    try:
+        return is_imported(path)
+    except RecordingError:
+        return False
 
 
 def _show(data: ImportedData, findings: Sequence[ImportFinding]) -> None:

@@ -2,7 +2,7 @@
 
 Rules for files that exist:
 
-1. A recording is kept: the old one gets a number.
+1. A recording is kept: the old one gets a number. An import is replaced: its log gives it again.
 2. Files of a car are kept in history/.
 3. Pictures, pages and tables can be computed again: they are replaced, with a notice.
 4. A folder with a data set is never replaced.
