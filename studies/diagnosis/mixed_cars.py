@@ -34,7 +34,7 @@ from studies.diagnosis.known_frame import read
 from studies.diagnosis.other_car import DATA
 
 DART_DATA = Path(os.environ.get("DART_DATA", DATA.parent / "dart"))
-CHANGES = {"steering": (-0.5, -0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.4, 0.5),
+CAR_DIFFERENCES = {"steering": (-0.5, -0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.4, 0.5),
            "motor": (-0.4, -0.2, 0.4), "encoder": (0.1, 0.2, 0.3)}
 DRIVES_OF_CAR = 8  # of each simulated car
 DRIVE_DURATION = 60.0  # s
@@ -106,7 +106,7 @@ def list_sets(number: int) -> Mapping[str, list[list[Response]]]:
            "simulated car": mix(base, base),
            "DART, 1:10 car": mix(dart, zheng), "DART, F1TENTH": mix(dart, f1tenth),
            "1:10 car, F1TENTH": mix(zheng, f1tenth)}
-    changes = [{what: k} for what, sizes in CHANGES.items() for k in sizes]
+    changes = [{what: k} for what, sizes in CAR_DIFFERENCES.items() for k in sizes]
     for i, change in enumerate(changes, 1):
         other = simulate_car(i, **change)
         what, size = next(iter(change.items()))
