@@ -41,7 +41,7 @@ for module, names in LACKING.items():
         if hasattr(module, name):
             delattr(module, name)
 """
-DRIVE = """
+DRIVE_ON_MOCK = """
 from dart_hal import Car, read_run
 
 with Car.open("sim://?nano=mock", record="run.mcap") as car:
@@ -70,7 +70,7 @@ def run_without_posix(program: str, *words: object, cwd) -> subprocess.Completed
                           capture_output=True, text=True, check=False, timeout=300)
 
 
-@pytest.mark.parametrize("program", [DRIVE, LEARN], ids=["drive", "learn"])
+@pytest.mark.parametrize("program", [DRIVE_ON_MOCK, LEARN], ids=["drive", "learn"])
 def test_program_runs_without_posix(program, tmp_path):
     ended = run_without_posix(program, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr

@@ -9,19 +9,19 @@ from dart_hal.calibration.acceptance import (
     STEP_NAMES,
     STEPS,
     AcceptanceBench,
-    Finding,
+    AcceptanceFinding,
     agrees,
     run_step,
 )
 from dart_lab.sim.truth import reveal
 
-SEED = 4
+ACCEPTED_SEED = 4
 BY_NAME = dict(zip(STEP_NAMES, STEPS, strict=True))
 
 
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory):
-    found = Watched(f"sim://?nano=mock&seed={SEED}", tmp_path_factory.mktemp("cars"))
+    found = Watched(f"sim://?nano=mock&seed={ACCEPTED_SEED}", tmp_path_factory.mktemp("cars"))
     yield found
     found.car.close()
 
@@ -36,7 +36,7 @@ def test_gyro_turned_by_hand_has_its_true_scale_without_throttle(watched):
     before = len(watched.pulses)
     found = run(watched, "gyro")
     scale = found["imu.gyro_scale"]
-    assert abs(scale.value - reveal(SEED)["sensors"]["imu.gyro_scale"]) < 3.5 * scale.std
+    assert abs(scale.value - reveal(ACCEPTED_SEED)["sensors"]["imu.gyro_scale"]) < 3.5 * scale.std
     assert all(abs(us - 1500.0) < 15.0 for _, us in watched.pulses[before:])
 
 
@@ -48,7 +48,7 @@ def test_edges_of_turns_by_hand_are_those_of_the_gear(watched):
 @pytest.mark.slow
 @pytest.mark.parametrize("query", ["", "&effect=throttle_delay:0.04"])
 def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
-    url = f"sim://?nano=mock&seed={SEED}"
+    url = f"sim://?nano=mock&seed={ACCEPTED_SEED}"
     delays = []
     for one in (url, url + query):
         lifted = Watched(one, tmp_path)
@@ -62,10 +62,10 @@ def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
 
 
 @pytest.mark.parametrize(("measured", "predicted", "verdict"), [
-    (Finding("a", "a", 100.0, std=1.0), Finding("a", "a", 107.0), True),
-    (Finding("a", "a", 100.0, std=0.1), Finding("a", "a", 107.0), False),
-    (Finding("a", "a", None), Finding("a", "a", 107.0), None),
-    (Finding("a", "a", "passed"), Finding("a", "a", "failed"), False),
-    (Finding("a", "a", "passed"), Finding("a", "a", "passed"), True)])
+    (AcceptanceFinding("a", "a", 100.0, std=1.0), AcceptanceFinding("a", "a", 107.0), True),
+    (AcceptanceFinding("a", "a", 100.0, std=0.1), AcceptanceFinding("a", "a", 107.0), False),
+    (AcceptanceFinding("a", "a", None), AcceptanceFinding("a", "a", 107.0), None),
+    (AcceptanceFinding("a", "a", "passed"), AcceptanceFinding("a", "a", "failed"), False),
+    (AcceptanceFinding("a", "a", "passed"), AcceptanceFinding("a", "a", "passed"), True)])
 def test_values_agree_within_their_errors_and_a_share(measured, predicted, verdict):
     assert agrees(measured, predicted) is verdict

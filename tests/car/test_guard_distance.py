@@ -16,18 +16,18 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-URL = "sim://?nano=mock&physics=kinematic&lidar=1&map=room"
+ROOM_URL = "sim://?nano=mock&physics=kinematic&lidar=1&map=room"
 GUARD_DISTANCE = 0.4
 # m from the rear axle at the start to the wall ahead.
 WALL = 4.0
-THROTTLE = 0.25
+TEST_THROTTLE = 0.25
 
 
 class Approach:
     """A car that a program drives straight at a wall; ``front``: distance left at its end [m]."""
 
-    def __init__(self, guard_distance, seconds=8.0, throttle=THROTTLE, change=None):
-        backend = open_backend(URL)
+    def __init__(self, guard_distance, seconds=8.0, throttle=TEST_THROTTLE, change=None):
+        backend = open_backend(ROOM_URL)
         self.world = world_of(backend)
         # A wall ahead and one far behind, in place of the room.
         backend.lidar.unit._room = RoomMap("wall", np.vstack((
@@ -96,7 +96,7 @@ def test_backward_throttle_is_passed():
 
 
 def test_raw_pulses_are_withheld_too():
-    backend = open_backend(URL)
+    backend = open_backend(ROOM_URL)
     watched = []
     world_of(backend).watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL
                                       and watched.append((pulse[1] - pulse[0]) * 1e6))
@@ -110,7 +110,7 @@ def test_raw_pulses_are_withheld_too():
 @pytest.mark.parametrize("distance", [0.0, -0.1, nan, inf, 9.0, "0.3", True])
 def test_what_is_no_distance_is_refused(distance):
     with pytest.raises(UsageError, match="guard_distance is no distance"):
-        Car.open(URL, guard_distance=distance)
+        Car.open(ROOM_URL, guard_distance=distance)
 
 
 def test_a_car_without_a_lidar_is_refused():

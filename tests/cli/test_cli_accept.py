@@ -14,10 +14,10 @@ from dart_lab.sim.world import THROTTLE_CHANNEL, World
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 from tests.pages import foreign
 
-CAR = "sim://?nano=mock&seed=5"
+ACCEPTED_CAR = "sim://?nano=mock&seed=5"
 EMULATED = "sim://?nano=mock"
 # s from Ctrl-C to the last pulse that moves the car.
-NEUTRAL_WITHIN_S = 0.040
+NEUTRAL_DEADLINE_S = 0.040
 
 
 def only(*names):
@@ -26,7 +26,7 @@ def only(*names):
 
 
 def test_a_short_check_is_reported_with_predictions(verb, tmp_path):
-    done = verb("accept", "--yes", "--json", "--url", CAR, "--emulator", EMULATED,
+    done = verb("accept", "--yes", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED,
                 *only("supply", "cutoff", "rotation"))
     assert done.code == 0, done.err
     answer = done.json
@@ -53,7 +53,7 @@ def test_a_short_check_is_reported_with_predictions(verb, tmp_path):
 
 @pytest.mark.slow
 def test_all_steps_run_on_an_emulated_car(verb):
-    done = verb("accept", "--yes", "--json", "--url", CAR, "--emulator", EMULATED)
+    done = verb("accept", "--yes", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED)
     assert done.code == 0, done.err
     values = {v["id"]: v for step in done.json["steps"] for v in step["values"]}
     assert {step["status"] for step in done.json["steps"]} == {"measured"}
@@ -65,7 +65,7 @@ def test_all_steps_run_on_an_emulated_car(verb):
 
 
 def test_a_broken_part_fails_its_step_and_not_the_others(verb):
-    done = verb("accept", "--yes", "--json", "--url", f"{CAR}&fail=enc:off@0",
+    done = verb("accept", "--yes", "--json", "--url", f"{ACCEPTED_CAR}&fail=enc:off@0",
                 "--emulator", EMULATED, *only("cutoff", "rotation"))
     assert done.code == 1
     steps = {step["id"]: step for step in done.json["steps"]}
@@ -78,11 +78,11 @@ def test_a_broken_part_fails_its_step_and_not_the_others(verb):
 @pytest.mark.parametrize(("options", "words"), [
     (("--yes", "--url", "serial:///dev/ttyUSB0?i2c=1"), "--yes"),
     (("--yes", "--port", "/dev/ttyUSB0"), "--yes"),
-    (("--port", "/dev/ttyUSB0", "--url", CAR), "--port and --url"),
+    (("--port", "/dev/ttyUSB0", "--url", ACCEPTED_CAR), "--port and --url"),
     (("--emulator", "serial:///dev/ttyUSB0"), "--emulator"),
     (("--url", "replay://run.mcap"), "recording"),
-    (("--url", CAR, "--html", "page.txt"), "page.txt"),
-    (("--url", CAR, "--skip", "wings"), "wings"),
+    (("--url", ACCEPTED_CAR, "--html", "page.txt"), "page.txt"),
+    (("--url", ACCEPTED_CAR, "--skip", "wings"), "wings"),
 ])
 def test_unusable_options_are_refused_before_anything_moves(verb, options, words):
     error = verb("accept", "--json", *options).error
@@ -96,7 +96,7 @@ def test_a_car_that_cannot_be_opened_is_reported_before_the_prediction(verb):
 
 
 def test_no_step_starts_without_an_operator_or_yes(verb):
-    error = verb("accept", "--json", "--url", CAR, "--emulator", EMULATED, *only("supply")).error
+    error = verb("accept", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED, *only("supply")).error
     assert "not confirmed" in error["what"]
 
 
@@ -136,7 +136,7 @@ def press(verb, monkeypatch):
         monkeypatch.setattr(World, "__init__", make_watched_world)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            done = verb("accept", "--yes", "--json", "--url", CAR, "--emulator", EMULATED,
+            done = verb("accept", "--yes", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED,
                         *only(*steps))
         finally:
             signal.signal(signal.SIGINT, before)
@@ -150,7 +150,7 @@ def press(verb, monkeypatch):
 def test_ctrl_c_leaves_neutral_and_reports_what_was_measured(press, tmp_path):
     done, pulses, pressed = press("cutoff", "wheel", "gyro")
     assert done.code == 130
-    assert not [us for t, us in pulses if t > pressed + NEUTRAL_WITHIN_S
+    assert not [us for t, us in pulses if t > pressed + NEUTRAL_DEADLINE_S
                 and abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
     assert abs(pulses[-1][1] - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US
     steps = {s["id"]: s for s in json.loads((tmp_path / "accept.json").read_text())["steps"]}

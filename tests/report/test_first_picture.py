@@ -5,12 +5,12 @@ from __future__ import annotations
 from dart_lab.study import write_study_page
 from dart_lab.study.stages import StageResult
 
-ROWS = (("error (rms)", "start", "fitted", "constant velocity"),
+BAR_ROWS = (("error (rms)", "start", "fitted", "constant velocity"),
         ("speed [m/s]", "0.564", "0.448", "0.531"), ("position [m]", "1.43", "0.891", "1.21"))
 
 
 def test_a_study_begins_with_the_errors_of_its_models(tmp_path):
-    results = {"validation": StageResult("validation", "the fit lowers the error", (), ROWS, {})}
+    results = {"validation": StageResult("validation", "the fit lowers the error", (), BAR_ROWS, {})}
     text = write_study_page(results, tmp_path / "index.html", "car").read_text()
     first = text.partition("<h2>")[0]
     assert 'class="bars"' in first

@@ -2,7 +2,7 @@
 
 Each ``AcceptanceStep`` calls a calibration procedure or reads the telemetry, and writes nothing to
 the car's files. The throttle is live only with the wheels off the ground. What the car cannot
-measure itself is a ``Reading`` of an instrument, which may be missing.
+measure itself is a ``InstrumentReading`` of an instrument, which may be missing.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Inspector(Workshop, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class AcceptanceFinding:
     """One value: number or text; None: no instrument. std: one sigma, None if not known."""
 
     key: str
@@ -82,7 +82,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class InstrumentReading:
     """A value that needs an instrument, in ``unit``."""
 
     key: str
@@ -115,12 +115,12 @@ class AcceptanceStep:
     name: str
     title: str
     task: str
-    measure: Callable[[AcceptanceBench], Sequence[Finding]] | None = None
-    readings: tuple[Reading, ...] = ()
+    measure: Callable[[AcceptanceBench], Sequence[AcceptanceFinding]] | None = None
+    readings: tuple[InstrumentReading, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class StepOutcome:
+class AcceptanceOutcome:
     """Outcome of a step. status: measured, failed or skipped; reason, remedy: why and what to do.
 
     seconds: of the car's clock.
@@ -128,18 +128,18 @@ class StepOutcome:
 
     step: AcceptanceStep
     status: str
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[AcceptanceFinding, ...] = ()
     reason: str = ""
     remedy: str = ""
     seconds: float = 0.0
 
 
-def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> StepOutcome:
+def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> AcceptanceOutcome:
     """Run one step; an error of the car or of the measurement is its outcome.
 
     The readings are taken in any case. The throttle is neutral at the end, also on Ctrl-C.
     """
-    findings: list[Finding] = []
+    findings: list[AcceptanceFinding] = []
     error: DartHalError | None = None
     before = bench.car.now
     try:
@@ -149,21 +149,21 @@ def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> StepOutcome:
         error = raised
     finally:
         bench.car.stop()
-    findings += [Finding(r.key, r.title, bench.inspector.read_instrument(r.key, r.question),
+    findings += [AcceptanceFinding(r.key, r.title, bench.inspector.read_instrument(r.key, r.question),
                          r.unit) for r in step.readings]
     seconds = bench.car.now - before
     if error is None:
-        return StepOutcome(step, "measured", tuple(findings), seconds=seconds)
+        return AcceptanceOutcome(step, "measured", tuple(findings), seconds=seconds)
     reason = f"{error.what}: {error.found}" if error.found else error.what
-    return StepOutcome(step, "failed", tuple(findings), reason, error.remedy, seconds)
+    return AcceptanceOutcome(step, "failed", tuple(findings), reason, error.remedy, seconds)
 
 
-def skip_step(step: AcceptanceStep, reason: str) -> StepOutcome:
+def skip_step(step: AcceptanceStep, reason: str) -> AcceptanceOutcome:
     """Return the outcome of a step that was not run."""
-    return StepOutcome(step, "skipped", reason=reason)
+    return AcceptanceOutcome(step, "skipped", reason=reason)
 
 
-def agrees(measured: Finding, predicted: Finding) -> bool | None:
+def agrees(measured: AcceptanceFinding, predicted: AcceptanceFinding) -> bool | None:
     """Return whether a value is as predicted; None if one of them is missing."""
     value = measured.value
     expected = predicted.value
@@ -178,7 +178,7 @@ def agrees(measured: Finding, predicted: Finding) -> bool | None:
 # -- at rest -----------------------------------------------------------------------
 
 
-def _measure_rest(bench: AcceptanceBench) -> list[Finding]:
+def _measure_rest(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure rates, clocks, supply and the noise of the IMU."""
     car = bench.car
     log = SensorLog(car)
@@ -191,17 +191,17 @@ def _measure_rest(bench: AcceptanceBench) -> list[Finding]:
     lost = last.health.lost - states[0].health.lost
     std = math.sqrt(2.0) * last.health.t_std / seconds
     found = [
-        Finding("frame_rate", "frames of the Nano", (len(states) - 1) / seconds,
+        AcceptanceFinding("frame_rate", "frames of the Nano", (len(states) - 1) / seconds,
                 "1/s"),
-        Finding("lost_frames", "frames lost", float(lost)),
-        Finding("clock_error", "clock of the Nano against the computer's", 1e6 * (1.0 / rate - 1.0),
+        AcceptanceFinding("lost_frames", "frames lost", float(lost)),
+        AcceptanceFinding("clock_error", "clock of the Nano against the computer's", 1e6 * (1.0 / rate - 1.0),
                 "ppm", 1e6 * std),
-        Finding("stamp_std", "standard deviation of the time stamps", 1e3 * last.health.t_std,
+        AcceptanceFinding("stamp_std", "standard deviation of the time stamps", 1e3 * last.health.t_std,
                 "ms"),
     ]
     volts = [s.health.vcc for s in states if s.health.vcc is not None]
     if volts:
-        found.append(Finding("nano_supply", "supply of the Nano, measured by itself",
+        found.append(AcceptanceFinding("nano_supply", "supply of the Nano, measured by itself",
                              float(np.mean(volts)), "V", float(np.std(volts))))
     if samples is None:
         raise CalibrationFailed("no data of the IMU", found="almost no samples",
@@ -210,11 +210,11 @@ def _measure_rest(bench: AcceptanceBench) -> list[Finding]:
                                 remedy="dart-hal doctor")
     still = measure_rest(samples)
     found += [
-        Finding("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
-        Finding("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
+        AcceptanceFinding("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
+        AcceptanceFinding("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
                 float(still.std[2])),
-        Finding("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
-        Finding("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
+        AcceptanceFinding("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
+        AcceptanceFinding("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
     ]
     return found
 
@@ -227,33 +227,33 @@ def _noise(samples: FloatArray) -> float:
 # -- pulses ------------------------------------------------------------------------
 
 
-def _measure_pwm(bench: AcceptanceBench) -> list[Finding]:
+def _measure_pwm(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure the oscillator of the PCA9685, and compute the PWM frequency."""
     measured = calibrate_clock.measure(bench.procedure_bench())
     hertz = measured.quantities["pwm.oscillator_hz"]
     assert isinstance(hertz, Quantity)
     counts = COUNTS_PER_FRAME * (counter_of(bench.car.files)[0] + 1)
     return [*_quantities(measured),
-            Finding("pwm_frequency", "PWM frequency", hertz.value / counts, "Hz",
+            AcceptanceFinding("pwm_frequency", "PWM frequency", hertz.value / counts, "Hz",
                     hertz.std / counts)]
 
 
-def _measure_delay(bench: AcceptanceBench) -> list[Finding]:
+def _measure_delay(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure the delays from a command to its pulse, and from a sensor to the computer."""
     log = TrafficLog(bench.car)
     with driving(bench.car):
         bench.grid = measure_grid(bench.car, log)
     arrival, arrival_std = arrival_delay(log.take())
     pulse, pulse_std = bench.grid.to_pulse
-    return [Finding("capture_wire", "pulses arrive at D8 of the Nano",
+    return [AcceptanceFinding("capture_wire", "pulses arrive at D8 of the Nano",
                     "yes" if bench.grid.measured else "no"),
-            Finding("latency.command_to_pulse", "from a command to the end of its pulse",
+            AcceptanceFinding("latency.command_to_pulse", "from a command to the end of its pulse",
                     1e3 * pulse, "ms", 1e3 * pulse_std),
-            Finding("latency.sensor_to_host", "from a sample to its arrival", 1e3 * arrival, "ms",
+            AcceptanceFinding("latency.sensor_to_host", "from a sample to its arrival", 1e3 * arrival, "ms",
                     1e3 * arrival_std)]
 
 
-def _measure_cutoff(bench: AcceptanceBench) -> list[Finding]:
+def _measure_cutoff(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Arm once at neutral, which tests the cut-off and the ESC's neutral time."""
     car = bench.car
     before = car.now
@@ -272,16 +272,16 @@ def _measure_cutoff(bench: AcceptanceBench) -> list[Finding]:
     elif any(c.name == "CUTOFF_UNPROVEN" for c in car.cautions):
         outcome = "no capture wire"
     car.stop()
-    return [Finding("cutoff", "hardware cut-off", kind),
-            Finding("cutoff_test", "self-test of the cut-off", outcome),
-            Finding("arming", "arm() at neutral", ", ".join(refusals) or "arms"),
-            Finding("arming_time", "time until armed", seconds, "s", 0.05)]
+    return [AcceptanceFinding("cutoff", "hardware cut-off", kind),
+            AcceptanceFinding("cutoff_test", "self-test of the cut-off", outcome),
+            AcceptanceFinding("arming", "arm() at neutral", ", ".join(refusals) or "arms"),
+            AcceptanceFinding("arming_time", "time until armed", seconds, "s", 0.05)]
 
 
 # -- wheels off the ground ---------------------------------------------------------
 
 
-def _measure_rotation(bench: AcceptanceBench) -> list[Finding]:
+def _measure_rotation(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Count the edges of turns by hand."""
     car = bench.car
     inspector = bench.inspector
@@ -299,18 +299,18 @@ def _measure_rotation(bench: AcceptanceBench) -> list[Finding]:
                                 likely="unplugged, or its sensor too far from the ring",
                                 remedy="turn a wheel by hand and watch dart-hal doctor")
     # One sigma of the turns is a twentieth of a turn, by a mark on the tyre.
-    return [Finding("edges_per_turn", "edges per turn of a driven wheel", edges / turns, "",
+    return [AcceptanceFinding("edges_per_turn", "edges per turn of a driven wheel", edges / turns, "",
                     edges / turns * math.hypot(0.05 / turns, 1.0 / edges))]
 
 
-def _measure_esc(bench: AcceptanceBench) -> list[Finding]:
+def _measure_esc(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure neutral, dead bands, end of the throttle, reverse and loss of signal."""
     measured = calibrate_esc.measure(bench.procedure_bench())
     return [*_quantities(measured),
-            Finding("throttle.reverse", "reverse", str(measured.others["throttle.reverse"]))]
+            AcceptanceFinding("throttle.reverse", "reverse", str(measured.others["throttle.reverse"]))]
 
 
-def _measure_wheel(bench: AcceptanceBench) -> list[Finding]:
+def _measure_wheel(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure the times of the edges at a constant pulse, and the delay from pulse to wheel."""
     car = bench.car
     files = car.files
@@ -337,14 +337,14 @@ def _measure_wheel(bench: AcceptanceBench) -> list[Finding]:
     wheel = fit_wheel(grid, steps, starts, (files.neutral_us, files.config.throttle.span_us),
                       files.metres_per_edge.value, edges)
     phase_std = 0.0 if grid.measured else grid.phase_std
-    return [Finding("first_motion", "pulse of the first motion", first, "us", spin.count),
-            Finding("tread_speed", "speed of the tread 45 us above it",
+    return [AcceptanceFinding("first_motion", "pulse of the first motion", first, "us", spin.count),
+            AcceptanceFinding("tread_speed", "speed of the tread 45 us above it",
                     constant.speed(CONSTANT_DURATION - SPEED_SETTLING), "m/s"),
-            Finding("turn_jitter", "variation of the time of one turn of the ring, by edge times",
+            AcceptanceFinding("turn_jitter", "variation of the time of one turn of the ring, by edge times",
                     1e2 * _turn_jitter(constant.without_start(SPEED_SETTLING), edges), "%"),
-            Finding("latency.pulse_to_wheel", "from a pulse to the wheel", 1e3 * wheel.delay[0],
+            AcceptanceFinding("latency.pulse_to_wheel", "from a pulse to the wheel", 1e3 * wheel.delay[0],
                     "ms", 1e3 * math.hypot(wheel.delay[1], phase_std)),
-            Finding("latency.pulse_to_wheel_lag", "lag of the motor", 1e3 * wheel.lag[0], "ms",
+            AcceptanceFinding("latency.pulse_to_wheel_lag", "lag of the motor", 1e3 * wheel.lag[0], "ms",
                     1e3 * wheel.lag[1])]
 
 
@@ -368,7 +368,7 @@ def _turn_jitter(span: PulseSpan, edges_per_rev: int) -> float:
 # -- IMU ---------------------------------------------------------------------------
 
 
-def _measure_gyro(bench: AcceptanceBench) -> list[Finding]:
+def _measure_gyro(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     """Measure scale and tilt of the gyro: the car is turned by hand to both sides."""
     car = bench.car
     inspector = bench.inspector
@@ -397,11 +397,11 @@ def _measure_gyro(bench: AcceptanceBench) -> list[Finding]:
             expected=f"{360 * HAND_TURNS} deg to each side",
             remedy="run it again and turn the car by hand")
     mounting = fit_axis(turns, still)
-    return [Finding("imu.gyro_scale", "scale of the gyro", mounting.scale.value, "",
+    return [AcceptanceFinding("imu.gyro_scale", "scale of the gyro", mounting.scale.value, "",
                     mounting.scale.std),
-            Finding("imu.mount_pitch", "pitch of the IMU", mounting.pitch.value, "rad",
+            AcceptanceFinding("imu.mount_pitch", "pitch of the IMU", mounting.pitch.value, "rad",
                     mounting.pitch.std),
-            Finding("imu.mount_roll", "roll of the IMU", mounting.roll.value, "rad",
+            AcceptanceFinding("imu.mount_roll", "roll of the IMU", mounting.roll.value, "rad",
                     mounting.roll.std)]
 
 
@@ -418,14 +418,14 @@ def _await_rest(car: Car) -> None:
                             remedy="put it down and run it again")
 
 
-def _quantities(measured: Measured) -> list[Finding]:
+def _quantities(measured: Measured) -> list[AcceptanceFinding]:
     """Convert the quantities of a procedure."""
     units = {name: "" if unit == "-" else unit for name, unit in QUANTITY_UNITS.items()}
-    return [Finding(name, TITLES[name], float(q.value), units[name], float(q.std))
+    return [AcceptanceFinding(name, STEP_TITLES[name], float(q.value), units[name], float(q.std))
             for name, q in measured.quantities.items() if isinstance(q, Quantity)]
 
 
-TITLES = {
+STEP_TITLES = {
     "pwm.oscillator_hz": "oscillator of the PCA9685",
     "throttle.neutral_us": "neutral of the ESC",
     "throttle.deadband_forward_us": "dead band forward",
@@ -439,20 +439,20 @@ STEPS = (
     AcceptanceStep("rest", "At rest", f"Leave the car at rest for {REST_DURATION:.0f} s. Nothing "
                    "moves.", _measure_rest),
     AcceptanceStep("supply", "Supply", "Read a multimeter. Nothing moves.", readings=(
-        Reading("battery_volts", "battery", "V", "battery at the ESC [V]"),
-        Reading("nano_volts", "5 V pin of the Nano", "V", "5V to GND of the Nano [V]"),
-        Reading("servo_volts", "V+ of the PCA9685", "V", "V+ to GND of the PCA9685 [V]"))),
+        InstrumentReading("battery_volts", "battery", "V", "battery at the ESC [V]"),
+        InstrumentReading("nano_volts", "5 V pin of the Nano", "V", "5V to GND of the Nano [V]"),
+        InstrumentReading("servo_volts", "V+ of the PCA9685", "V", "V+ to GND of the PCA9685 [V]"))),
     AcceptanceStep("pwm", "PWM frequency", "A wire goes from the spare channel of the PCA9685 to "
                    "D8 of the Nano. The throttle stays neutral for 17 s.", _measure_pwm, (
-                       Reading("pwm_frequency_scope", "PWM frequency by oscilloscope", "Hz",
+                       InstrumentReading("pwm_frequency_scope", "PWM frequency by oscilloscope", "Hz",
                                "PWM frequency of any channel by an oscilloscope [Hz]"),
-                       Reading("neutral_pulse_scope", "neutral pulse by oscilloscope", "us",
+                       InstrumentReading("neutral_pulse_scope", "neutral pulse by oscilloscope", "us",
                                "pulse width of the ESC's channel at neutral [us]"))),
     AcceptanceStep("delay", "Delays of the link", "The same wire. The throttle stays neutral for "
                    "10 s.", _measure_delay),
     AcceptanceStep("cutoff", "Cut-off and arming", "The car arms once at neutral throttle and "
                    "disarms.", _measure_cutoff, (
-                       Reading("esc_arm_time", "arming time of the ESC by stopwatch", "s",
+                       InstrumentReading("esc_arm_time", "arming time of the ESC by stopwatch", "s",
                                "switch the ESC off and on: time until its last beep [s]"),)),
     AcceptanceStep("rotation", "Edges of a known rotation", LIFTED + "Turn the wheels by hand; no "
                    "throttle. Mark the tyre first and count its turns.", _measure_rotation),

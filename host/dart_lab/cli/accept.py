@@ -21,7 +21,7 @@ from dart_hal.calibration.acceptance import (
     AcceptanceBench,
     AcceptanceStep,
     Inspector,
-    StepOutcome,
+    AcceptanceOutcome,
     run_step,
     skip_step,
 )
@@ -137,9 +137,9 @@ def command(url: str | None, car_name: str, cars: Path | None, port: str | None,
     else:
         _print_report(report)
         console.print(f"report: {html}, {out}", markup=False, highlight=False)
-    if report.interrupted:
+    if report.is_interrupted:
         raise click.Abort
-    return 1 if report.failed else 0
+    return 1 if report.has_failed else 0
 
 
 def _choose_url(url: str | None, port: str | None) -> str:
@@ -181,14 +181,14 @@ def _check_car(url: str, car_name: str | None, cars: Path | None) -> None:
 
 def _run_steps(url: str, car_name: str | None, cars: Path | None,
                steps: Sequence[AcceptanceStep], start: Callable[[AcceptanceStep], str]
-               ) -> tuple[list[StepOutcome], dict[str, Any]]:
+               ) -> tuple[list[AcceptanceOutcome], dict[str, Any]]:
     """Run the steps on a car; return outcomes and what the car says about itself.
 
     start: returns "start", "skip" or "quit". After Ctrl-C or "quit" the other steps are skipped;
     the throttle is neutral.
     """
     backend = open_backend(url)
-    outcomes: list[StepOutcome] = []
+    outcomes: list[AcceptanceOutcome] = []
     with Car.over(backend, car=car_name, cars=cars) as car, progress_bar() as bar:
         task = bar.add_task("", total=1.0)
 

@@ -10,8 +10,8 @@ from typing import Any
 from dart_hal.calibration.acceptance import (
     AGREEMENT_SHARE,
     AGREEMENT_SIGMAS,
-    Finding,
-    StepOutcome,
+    AcceptanceFinding,
+    AcceptanceOutcome,
     agrees,
 )
 from dart_lab.report import page
@@ -30,17 +30,17 @@ class AcceptanceReport:
     about: origin of both: URLs, board, firmware, versions, time.
     """
 
-    outcomes: tuple[StepOutcome, ...]
-    predicted: tuple[StepOutcome, ...]
+    outcomes: tuple[AcceptanceOutcome, ...]
+    predicted: tuple[AcceptanceOutcome, ...]
     about: Mapping[str, Any]
 
     @property
-    def interrupted(self) -> bool:
+    def is_interrupted(self) -> bool:
         """Whether the operator ended the check early."""
         return any(o.reason == INTERRUPTED for o in self.outcomes)
 
     @property
-    def failed(self) -> bool:
+    def has_failed(self) -> bool:
         """Whether a step failed."""
         return any(o.status == "failed" for o in self.outcomes)
 
@@ -59,13 +59,13 @@ class AcceptanceReport:
                          f"{AGREEMENT_SHARE:.0%}")
         return "; ".join(sentences)
 
-    def describe_status(self, outcome: StepOutcome) -> str:
+    def describe_status(self, outcome: AcceptanceOutcome) -> str:
         """Return what became of a step, with the reason and the remedy."""
         return "; ".join(part for part in (
             outcome.status, outcome.reason, f"try: {outcome.remedy}" if outcome.remedy else "")
             if part)
 
-    def rows(self, outcome: StepOutcome) -> list[tuple[str, str, str, str]]:
+    def rows(self, outcome: AcceptanceOutcome) -> list[tuple[str, str, str, str]]:
         """Return title, measured value, predicted value and remark of each value of a step."""
         return [(f.title, _text(f), _text(self._prediction(f)), self._remark(f))
                 for f in outcome.findings]
@@ -77,7 +77,7 @@ class AcceptanceReport:
              "try": o.remedy, "duration_s": o.seconds,
              "values": [self._value(f) for f in o.findings]} for o in self.outcomes]}
 
-    def _value(self, finding: Finding) -> dict[str, Any]:
+    def _value(self, finding: AcceptanceFinding) -> dict[str, Any]:
         predicted = self._prediction(finding)
         return {"id": finding.key, "title": finding.title, "unit": finding.unit,
                 "measured": finding.value, "std": finding.std,
@@ -85,16 +85,16 @@ class AcceptanceReport:
                 "predicted_std": predicted.std if predicted else None,
                 "agrees": agrees(finding, predicted) if predicted else None}
 
-    def _prediction(self, finding: Finding) -> Finding | None:
+    def _prediction(self, finding: AcceptanceFinding) -> AcceptanceFinding | None:
         return next((f for o in self.predicted for f in o.findings if f.key == finding.key), None)
 
-    def _remark(self, finding: Finding) -> str:
+    def _remark(self, finding: AcceptanceFinding) -> str:
         predicted = self._prediction(finding)
         verdict = agrees(finding, predicted) if predicted else None
         return "" if verdict is None else "as predicted" if verdict else "differs"
 
 
-def _text(finding: Finding | None) -> str:
+def _text(finding: AcceptanceFinding | None) -> str:
     """Return a value with its standard error and unit."""
     if finding is None or finding.value is None:
         return NOT_MEASURED if finding is not None else "not predicted"
@@ -114,10 +114,10 @@ def write_page(report: AcceptanceReport, path: Path, answer: Mapping[str, Any]) 
         page.download(answer, f"accept-{about['car']}.json"))))
     heading = f"Acceptance of {about['car']}"
     return page.write(path, page.page(heading, heading, page.card(
-        el("p", report.lead()), good=not report.failed), sections))
+        el("p", report.lead()), good=not report.has_failed), sections))
 
 
-def _section(report: AcceptanceReport, outcome: StepOutcome) -> Html:
+def _section(report: AcceptanceReport, outcome: AcceptanceOutcome) -> Html:
     return join((el("p", report.describe_status(outcome)),
                  page.small_print(outcome.step.task),
                  table(COLUMNS, report.rows(outcome), 1)))

@@ -14,11 +14,11 @@ from tests.fleet.rooms import FleetPins
 from tests.live.view.test_browser_shows import within
 from tests.live.view.test_floor import pixels
 
-CARS = """
+CAR_NAMES = """
 window.shown = [];
 Floor.others = ((real) => (list) => { shown = list; real(list); })(Floor.others);
 """
-SHOWN = "return shown.map((one) => one.name).sort()"
+SHOWN_NAMES = "return shown.map((one) => one.name).sort()"
 SWATCHES = """
 return Object.fromEntries([...document.querySelectorAll('article')].map((one) =>
   [one.dataset.name, getComputedStyle(one.querySelector('i')).backgroundColor]));
@@ -42,7 +42,7 @@ def show(browsers, monkeypatch):
     with Station("local://map") as station, FleetPage([station], 0, lan=False) as page:
         one = browsers()
         one.open(page.urls[0])
-        one.run(CARS)
+        one.run(CAR_NAMES)
 
         def show_cars(*some):
             cars[:] = some
@@ -62,14 +62,14 @@ def rgb(text):
 def test_cars_of_other_frames_are_not_on_the_same_map(show):
     one = show(car("a"), car("b", 1.0), car("c", frame=START_FRAME), car("d", frame=START_FRAME),
                car("e", room="local://other"))
-    assert one.run(SHOWN) == ["a", "b"]
+    assert one.run(SHOWN_NAMES) == ["a", "b"]
     assert one.run(CHOICES) == ["mocap: 2 cars", "start of c: 1 car", "start of d: 1 car",
                                 "mocap: 1 car"]
     one.driver.find_elements("css selector", "#frames button")[1].click()
     time.sleep(0.3)
-    assert one.run(SHOWN) == ["c"]
+    assert one.run(SHOWN_NAMES) == ["c"]
     show(car("a"), car("b", 1.0))
-    assert one.run(SHOWN) == ["a", "b"], "the chosen frame is gone"
+    assert one.run(SHOWN_NAMES) == ["a", "b"], "the chosen frame is gone"
     assert not one["frames"].is_displayed()
 
 

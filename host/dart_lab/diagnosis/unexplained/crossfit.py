@@ -25,7 +25,7 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 RIDGE = 10.0  # of residuals of size 1: structure of a tenth of the variance
 FOLDS = 8  # of blocks: 7 of 8 to fit
-MIN_BLOCKS = 10  # 2^10 ways to turn signs: enough for a level of 1 %
+MIN_SIGN_BLOCKS = 10  # 2^10 ways to turn signs: enough for a level of 1 %
 
 
 @dataclass(frozen=True, slots=True)

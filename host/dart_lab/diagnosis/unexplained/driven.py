@@ -15,7 +15,7 @@ from ..evidence.noise import replace_diverged
 from ..evidence.residuals import Evidence, Residuals
 from ..policy import CLIP, TAIL, BlockPolicy
 from .bases import basis_functions
-from .crossfit import FOLDS, MIN_BLOCKS, predict_held_out
+from .crossfit import FOLDS, MIN_SIGN_BLOCKS, predict_held_out
 from .features import exogenous, window_features
 
 # Variables of vehicle models. The prediction is a sum of one function of each.
@@ -40,7 +40,7 @@ def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int
     """
     # Blocks of the usual length, whatever the policy of the diagnosis.
     block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
-    if not len(block) or block.max() + 1 < MIN_BLOCKS:
+    if not len(block) or block.max() + 1 < MIN_SIGN_BLOCKS:
         return errors
     features = exogenous(p, window_features(evidence, p, span))
     columns = np.hstack([basis_functions(features, (name,), TAIL) for name in MODEL_VARIABLES])

@@ -43,7 +43,7 @@ READ_OUT_INDEX = 2  # at 0.5 s, the distance between windows of short recordings
 CHANNEL_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
 MAX_BLOCKS = 200  # longer ones for longer data: the cost is by the block
-MIN_RECORDINGS = 3  # from which on they are left out whole
+MIN_FOLD_RECORDINGS = 3  # from which on they are left out whole
 MEDIAN_FLIPS = 49  # data sets with turned signs; the median share is what chance explains
 # Times the level: if the p-value by a tenth of the flips is above, the others are not made. A
 # p-value at the level is then missed once in 300.
@@ -295,7 +295,7 @@ def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator
     # holds in another recording.
     within = rng.permutation(np.arange(block.max() + 1) % FOLDS)[block]
     _, recording = np.unique(group.recording, return_inverse=True)
-    if recording.max() + 1 < MIN_RECORDINGS:
+    if recording.max() + 1 < MIN_FOLD_RECORDINGS:
         return within, within
     return within, np.asarray(recording % FOLDS)
 
