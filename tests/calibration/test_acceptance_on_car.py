@@ -9,7 +9,7 @@ from dart_hal.calibration.acceptance import (
     STEP_NAMES,
     STEPS,
     AcceptanceBench,
-    AcceptanceFinding,
+    Measurand,
     agrees,
     run_step,
 )
@@ -62,10 +62,10 @@ def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
 
 
 @pytest.mark.parametrize(("measured", "predicted", "verdict"), [
-    (AcceptanceFinding("a", "a", 100.0, std=1.0), AcceptanceFinding("a", "a", 107.0), True),
-    (AcceptanceFinding("a", "a", 100.0, std=0.1), AcceptanceFinding("a", "a", 107.0), False),
-    (AcceptanceFinding("a", "a", None), AcceptanceFinding("a", "a", 107.0), None),
-    (AcceptanceFinding("a", "a", "passed"), AcceptanceFinding("a", "a", "failed"), False),
-    (AcceptanceFinding("a", "a", "passed"), AcceptanceFinding("a", "a", "passed"), True)])
+    (Measurand("a", "a", 100.0, std=1.0), Measurand("a", "a", 107.0), True),
+    (Measurand("a", "a", 100.0, std=0.1), Measurand("a", "a", 107.0), False),
+    (Measurand("a", "a", None), Measurand("a", "a", 107.0), None),
+    (Measurand("a", "a", "passed"), Measurand("a", "a", "failed"), False),
+    (Measurand("a", "a", "passed"), Measurand("a", "a", "passed"), True)])
 def test_values_agree_within_their_errors_and_a_share(measured, predicted, verdict):
     assert agrees(measured, predicted) is verdict

@@ -10,7 +10,8 @@ BAR_ROWS = (("error (rms)", "start", "fitted", "constant velocity"),
 
 
 def test_a_study_begins_with_the_errors_of_its_models(tmp_path):
-    results = {"validation": StageResult("validation", "the fit lowers the error", (), BAR_ROWS, {})}
+    results = {"validation": StageResult("validation", "the fit lowers the error", (), BAR_ROWS,
+                                         {})}
     text = write_study_page(results, tmp_path / "index.html", "car").read_text()
     first = text.partition("<h2>")[0]
     assert 'class="bars"' in first

@@ -2,7 +2,7 @@
 
 Each ``AcceptanceStep`` calls a calibration procedure or reads the telemetry, and writes nothing to
 the car's files. The throttle is live only with the wheels off the ground. What the car cannot
-measure itself is a ``InstrumentReading`` of an instrument, which may be missing.
+measure itself is a ``MeterValue`` of an instrument, which may be missing.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Inspector(Workshop, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class AcceptanceFinding:
+class Measurand:
     """One value: number or text; None: no instrument. std: one sigma, None if not known."""
 
     key: str
@@ -82,7 +82,7 @@ class AcceptanceFinding:
 
 
 @dataclass(frozen=True, slots=True)
-class InstrumentReading:
+class MeterValue:
     """A value that needs an instrument, in ``unit``."""
 
     key: str
@@ -115,8 +115,8 @@ class AcceptanceStep:
     name: str
     title: str
     task: str
-    measure: Callable[[AcceptanceBench], Sequence[AcceptanceFinding]] | None = None
-    readings: tuple[InstrumentReading, ...] = ()
+    measure: Callable[[AcceptanceBench], Sequence[Measurand]] | None = None
+    readings: tuple[MeterValue, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class AcceptanceOutcome:
 
     step: AcceptanceStep
     status: str
-    findings: tuple[AcceptanceFinding, ...] = ()
+    findings: tuple[Measurand, ...] = ()
     reason: str = ""
     remedy: str = ""
     seconds: float = 0.0
@@ -139,7 +139,7 @@ def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> AcceptanceOutcome:
 
     The readings are taken in any case. The throttle is neutral at the end, also on Ctrl-C.
     """
-    findings: list[AcceptanceFinding] = []
+    findings: list[Measurand] = []
     error: DartHalError | None = None
     before = bench.car.now
     try:
@@ -148,9 +148,10 @@ def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> AcceptanceOutcome:
     except DartHalError as raised:
         error = raised
     finally:
+        # Neutral before the operator is asked for readings, which may take minutes.
         bench.car.stop()
-    findings += [AcceptanceFinding(r.key, r.title, bench.inspector.read_instrument(r.key, r.question),
-                         r.unit) for r in step.readings]
+    findings += [Measurand(r.key, r.title, bench.inspector.read_instrument(r.key, r.question),
+                           r.unit) for r in step.readings]
     seconds = bench.car.now - before
     if error is None:
         return AcceptanceOutcome(step, "measured", tuple(findings), seconds=seconds)
@@ -163,7 +164,7 @@ def skip_step(step: AcceptanceStep, reason: str) -> AcceptanceOutcome:
     return AcceptanceOutcome(step, "skipped", reason=reason)
 
 
-def agrees(measured: AcceptanceFinding, predicted: AcceptanceFinding) -> bool | None:
+def agrees(measured: Measurand, predicted: Measurand) -> bool | None:
     """Return whether a value is as predicted; None if one of them is missing."""
     value = measured.value
     expected = predicted.value
@@ -171,6 +172,7 @@ def agrees(measured: AcceptanceFinding, predicted: AcceptanceFinding) -> bool | 
         return None
     if isinstance(value, str) or isinstance(expected, str):
         return value == expected
+    # Both values have errors: the standard error of the difference, and a share for tolerances.
     limit = AGREEMENT_SIGMAS * math.hypot(measured.std or 0.0, predicted.std or 0.0)
     return abs(value - expected) <= limit + AGREEMENT_SHARE * abs(expected)
 
@@ -178,7 +180,7 @@ def agrees(measured: AcceptanceFinding, predicted: AcceptanceFinding) -> bool | 
 # -- at rest -----------------------------------------------------------------------
 
 
-def _measure_rest(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_rest(bench: AcceptanceBench) -> list[Measurand]:
     """Measure rates, clocks, supply and the noise of the IMU."""
     car = bench.car
     log = SensorLog(car)
@@ -189,19 +191,21 @@ def _measure_rest(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     last = states[-1]
     seconds = last.t - states[0].t
     lost = last.health.lost - states[0].health.lost
+    # The rate is the slope between two time stamps: each has the error t_std.
     std = math.sqrt(2.0) * last.health.t_std / seconds
     found = [
-        AcceptanceFinding("frame_rate", "frames of the Nano", (len(states) - 1) / seconds,
+        Measurand("frame_rate", "frames of the Nano", (len(states) - 1) / seconds,
                 "1/s"),
-        AcceptanceFinding("lost_frames", "frames lost", float(lost)),
-        AcceptanceFinding("clock_error", "clock of the Nano against the computer's", 1e6 * (1.0 / rate - 1.0),
-                "ppm", 1e6 * std),
-        AcceptanceFinding("stamp_std", "standard deviation of the time stamps", 1e3 * last.health.t_std,
+        Measurand("lost_frames", "frames lost", float(lost)),
+        Measurand("clock_error", "clock of the Nano against the computer's",
+                  1e6 * (1.0 / rate - 1.0), "ppm", 1e6 * std),
+        Measurand("stamp_std", "standard deviation of the time stamps", 1e3 * last.health.t_std,
                 "ms"),
     ]
+    # Only firmware that measures its own supply reports it.
     volts = [s.health.vcc for s in states if s.health.vcc is not None]
     if volts:
-        found.append(AcceptanceFinding("nano_supply", "supply of the Nano, measured by itself",
+        found.append(Measurand("nano_supply", "supply of the Nano, measured by itself",
                              float(np.mean(volts)), "V", float(np.std(volts))))
     if samples is None:
         raise CalibrationFailed("no data of the IMU", found="almost no samples",
@@ -210,11 +214,11 @@ def _measure_rest(bench: AcceptanceBench) -> list[AcceptanceFinding]:
                                 remedy="dart-hal doctor")
     still = measure_rest(samples)
     found += [
-        AcceptanceFinding("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
-        AcceptanceFinding("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
+        Measurand("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
+        Measurand("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
                 float(still.std[2])),
-        AcceptanceFinding("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
-        AcceptanceFinding("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
+        Measurand("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
+        Measurand("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
     ]
     return found
 
@@ -227,33 +231,33 @@ def _noise(samples: FloatArray) -> float:
 # -- pulses ------------------------------------------------------------------------
 
 
-def _measure_pwm(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_pwm(bench: AcceptanceBench) -> list[Measurand]:
     """Measure the oscillator of the PCA9685, and compute the PWM frequency."""
     measured = calibrate_clock.measure(bench.procedure_bench())
     hertz = measured.quantities["pwm.oscillator_hz"]
     assert isinstance(hertz, Quantity)
     counts = COUNTS_PER_FRAME * (counter_of(bench.car.files)[0] + 1)
     return [*_quantities(measured),
-            AcceptanceFinding("pwm_frequency", "PWM frequency", hertz.value / counts, "Hz",
+            Measurand("pwm_frequency", "PWM frequency", hertz.value / counts, "Hz",
                     hertz.std / counts)]
 
 
-def _measure_delay(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_delay(bench: AcceptanceBench) -> list[Measurand]:
     """Measure the delays from a command to its pulse, and from a sensor to the computer."""
     log = TrafficLog(bench.car)
     with driving(bench.car):
         bench.grid = measure_grid(bench.car, log)
     arrival, arrival_std = arrival_delay(log.take())
     pulse, pulse_std = bench.grid.to_pulse
-    return [AcceptanceFinding("capture_wire", "pulses arrive at D8 of the Nano",
+    return [Measurand("capture_wire", "pulses arrive at D8 of the Nano",
                     "yes" if bench.grid.measured else "no"),
-            AcceptanceFinding("latency.command_to_pulse", "from a command to the end of its pulse",
+            Measurand("latency.command_to_pulse", "from a command to the end of its pulse",
                     1e3 * pulse, "ms", 1e3 * pulse_std),
-            AcceptanceFinding("latency.sensor_to_host", "from a sample to its arrival", 1e3 * arrival, "ms",
+            Measurand("latency.sensor_to_host", "from a sample to its arrival", 1e3 * arrival, "ms",
                     1e3 * arrival_std)]
 
 
-def _measure_cutoff(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_cutoff(bench: AcceptanceBench) -> list[Measurand]:
     """Arm once at neutral, which tests the cut-off and the ESC's neutral time."""
     car = bench.car
     before = car.now
@@ -272,16 +276,16 @@ def _measure_cutoff(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     elif any(c.name == "CUTOFF_UNPROVEN" for c in car.cautions):
         outcome = "no capture wire"
     car.stop()
-    return [AcceptanceFinding("cutoff", "hardware cut-off", kind),
-            AcceptanceFinding("cutoff_test", "self-test of the cut-off", outcome),
-            AcceptanceFinding("arming", "arm() at neutral", ", ".join(refusals) or "arms"),
-            AcceptanceFinding("arming_time", "time until armed", seconds, "s", 0.05)]
+    return [Measurand("cutoff", "hardware cut-off", kind),
+            Measurand("cutoff_test", "self-test of the cut-off", outcome),
+            Measurand("arming", "arm() at neutral", ", ".join(refusals) or "arms"),
+            Measurand("arming_time", "time until armed", seconds, "s", 0.05)]
 
 
 # -- wheels off the ground ---------------------------------------------------------
 
 
-def _measure_rotation(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_rotation(bench: AcceptanceBench) -> list[Measurand]:
     """Count the edges of turns by hand."""
     car = bench.car
     inspector = bench.inspector
@@ -293,24 +297,25 @@ def _measure_rotation(bench: AcceptanceBench) -> list[AcceptanceFinding]:
         turns = abs(inspector.wheel_turns())
     finally:
         inspector.set_down()
+    # An encoder that misses all edges must not pass as one with few edges per turn.
     if edges < MIN_HAND_EDGES or turns <= 0.0:
         raise CalibrationFailed("the encoder does not count", found=f"{edges} edges in {turns:g} "
                                 "turns by hand", expected="some 70 edges per turn of a wheel",
                                 likely="unplugged, or its sensor too far from the ring",
                                 remedy="turn a wheel by hand and watch dart-hal doctor")
     # One sigma of the turns is a twentieth of a turn, by a mark on the tyre.
-    return [AcceptanceFinding("edges_per_turn", "edges per turn of a driven wheel", edges / turns, "",
+    return [Measurand("edges_per_turn", "edges per turn of a driven wheel", edges / turns, "",
                     edges / turns * math.hypot(0.05 / turns, 1.0 / edges))]
 
 
-def _measure_esc(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_esc(bench: AcceptanceBench) -> list[Measurand]:
     """Measure neutral, dead bands, end of the throttle, reverse and loss of signal."""
     measured = calibrate_esc.measure(bench.procedure_bench())
     return [*_quantities(measured),
-            AcceptanceFinding("throttle.reverse", "reverse", str(measured.others["throttle.reverse"]))]
+            Measurand("throttle.reverse", "reverse", str(measured.others["throttle.reverse"]))]
 
 
-def _measure_wheel(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_wheel(bench: AcceptanceBench) -> list[Measurand]:
     """Measure the times of the edges at a constant pulse, and the delay from pulse to wheel."""
     car = bench.car
     files = car.files
@@ -323,6 +328,7 @@ def _measure_wheel(bench: AcceptanceBench) -> list[AcceptanceFinding]:
         with spinning(car, inspector, log) as spin:
             bench.progress(0.1, "looking for the first motion")
             first = spin.first_motion(1.0)
+            # Both levels are whole counts of the PWM chip, so that the steps are exact.
             low, high = (spin.round_to_count(first + level) for level in (LOW_LEVEL, HIGH_LEVEL))
             bench.progress(0.3, "at a constant throttle")
             constant = spin.hold(CONSTANT_DURATION, high, turns=True)
@@ -337,14 +343,14 @@ def _measure_wheel(bench: AcceptanceBench) -> list[AcceptanceFinding]:
     wheel = fit_wheel(grid, steps, starts, (files.neutral_us, files.config.throttle.span_us),
                       files.metres_per_edge.value, edges)
     phase_std = 0.0 if grid.measured else grid.phase_std
-    return [AcceptanceFinding("first_motion", "pulse of the first motion", first, "us", spin.count),
-            AcceptanceFinding("tread_speed", "speed of the tread 45 us above it",
+    return [Measurand("first_motion", "pulse of the first motion", first, "us", spin.count),
+            Measurand("tread_speed", "speed of the tread 45 us above it",
                     constant.speed(CONSTANT_DURATION - SPEED_SETTLING), "m/s"),
-            AcceptanceFinding("turn_jitter", "variation of the time of one turn of the ring, by edge times",
+            Measurand("turn_jitter", "variation of the time of one turn of the ring, by edge times",
                     1e2 * _turn_jitter(constant.without_start(SPEED_SETTLING), edges), "%"),
-            AcceptanceFinding("latency.pulse_to_wheel", "from a pulse to the wheel", 1e3 * wheel.delay[0],
+            Measurand("latency.pulse_to_wheel", "from a pulse to the wheel", 1e3 * wheel.delay[0],
                     "ms", 1e3 * math.hypot(wheel.delay[1], phase_std)),
-            AcceptanceFinding("latency.pulse_to_wheel_lag", "lag of the motor", 1e3 * wheel.lag[0], "ms",
+            Measurand("latency.pulse_to_wheel_lag", "lag of the motor", 1e3 * wheel.lag[0], "ms",
                     1e3 * wheel.lag[1])]
 
 
@@ -368,7 +374,7 @@ def _turn_jitter(span: PulseSpan, edges_per_rev: int) -> float:
 # -- IMU ---------------------------------------------------------------------------
 
 
-def _measure_gyro(bench: AcceptanceBench) -> list[AcceptanceFinding]:
+def _measure_gyro(bench: AcceptanceBench) -> list[Measurand]:
     """Measure scale and tilt of the gyro: the car is turned by hand to both sides."""
     car = bench.car
     inspector = bench.inspector
@@ -397,11 +403,11 @@ def _measure_gyro(bench: AcceptanceBench) -> list[AcceptanceFinding]:
             expected=f"{360 * HAND_TURNS} deg to each side",
             remedy="run it again and turn the car by hand")
     mounting = fit_axis(turns, still)
-    return [AcceptanceFinding("imu.gyro_scale", "scale of the gyro", mounting.scale.value, "",
+    return [Measurand("imu.gyro_scale", "scale of the gyro", mounting.scale.value, "",
                     mounting.scale.std),
-            AcceptanceFinding("imu.mount_pitch", "pitch of the IMU", mounting.pitch.value, "rad",
+            Measurand("imu.mount_pitch", "pitch of the IMU", mounting.pitch.value, "rad",
                     mounting.pitch.std),
-            AcceptanceFinding("imu.mount_roll", "roll of the IMU", mounting.roll.value, "rad",
+            Measurand("imu.mount_roll", "roll of the IMU", mounting.roll.value, "rad",
                     mounting.roll.std)]
 
 
@@ -418,10 +424,10 @@ def _await_rest(car: Car) -> None:
                             remedy="put it down and run it again")
 
 
-def _quantities(measured: Measured) -> list[AcceptanceFinding]:
+def _quantities(measured: Measured) -> list[Measurand]:
     """Convert the quantities of a procedure."""
     units = {name: "" if unit == "-" else unit for name, unit in QUANTITY_UNITS.items()}
-    return [AcceptanceFinding(name, STEP_TITLES[name], float(q.value), units[name], float(q.std))
+    return [Measurand(name, STEP_TITLES[name], float(q.value), units[name], float(q.std))
             for name, q in measured.quantities.items() if isinstance(q, Quantity)]
 
 
@@ -434,25 +440,25 @@ STEP_TITLES = {
     "throttle.reverse_rest": "neutral time between brake and reverse",
     "throttle.signal_loss": "time until the ESC stops without pulses",
 }
-LIFTED = "The car is on a stand, all four wheels off the ground; fingers and cables away. "
+LIFTED = "The car is on blocks, all four wheels off the ground; fingers and cables away. "
 STEPS = (
     AcceptanceStep("rest", "At rest", f"Leave the car at rest for {REST_DURATION:.0f} s. Nothing "
                    "moves.", _measure_rest),
     AcceptanceStep("supply", "Supply", "Read a multimeter. Nothing moves.", readings=(
-        InstrumentReading("battery_volts", "battery", "V", "battery at the ESC [V]"),
-        InstrumentReading("nano_volts", "5 V pin of the Nano", "V", "5V to GND of the Nano [V]"),
-        InstrumentReading("servo_volts", "V+ of the PCA9685", "V", "V+ to GND of the PCA9685 [V]"))),
+        MeterValue("battery_volts", "battery", "V", "battery at the ESC [V]"),
+        MeterValue("nano_volts", "5 V pin of the Nano", "V", "5V to GND of the Nano [V]"),
+        MeterValue("servo_volts", "V+ of the PCA9685", "V", "V+ to GND of the PCA9685 [V]"))),
     AcceptanceStep("pwm", "PWM frequency", "A wire goes from the spare channel of the PCA9685 to "
                    "D8 of the Nano. The throttle stays neutral for 17 s.", _measure_pwm, (
-                       InstrumentReading("pwm_frequency_scope", "PWM frequency by oscilloscope", "Hz",
+                       MeterValue("pwm_frequency_scope", "PWM frequency by oscilloscope", "Hz",
                                "PWM frequency of any channel by an oscilloscope [Hz]"),
-                       InstrumentReading("neutral_pulse_scope", "neutral pulse by oscilloscope", "us",
+                       MeterValue("neutral_pulse_scope", "neutral pulse by oscilloscope", "us",
                                "pulse width of the ESC's channel at neutral [us]"))),
     AcceptanceStep("delay", "Delays of the link", "The same wire. The throttle stays neutral for "
                    "10 s.", _measure_delay),
     AcceptanceStep("cutoff", "Cut-off and arming", "The car arms once at neutral throttle and "
                    "disarms.", _measure_cutoff, (
-                       InstrumentReading("esc_arm_time", "arming time of the ESC by stopwatch", "s",
+                       MeterValue("esc_arm_time", "arming time of the ESC by stopwatch", "s",
                                "switch the ESC off and on: time until its last beep [s]"),)),
     AcceptanceStep("rotation", "Edges of a known rotation", LIFTED + "Turn the wheels by hand; no "
                    "throttle. Mark the tyre first and count its turns.", _measure_rotation),

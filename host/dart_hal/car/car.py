@@ -151,7 +151,7 @@ class Car:
             raise_on_trip: True: a command to a car that a trip has disarmed raises Disarmed.
                 False: only ``Applied.limited`` reports it.
             guard_distance: distance [m] before an obstacle at which the lidar stops the car,
-                whatever the program commands; ``Applied.limited`` then has OBSTACLE. None: no
+                for any command of the program; ``Applied.limited`` then has OBSTACLE. None: no
                 guard.
 
         Returns:

@@ -19,9 +19,9 @@ from dart_hal.calibration.acceptance import (
     STEP_NAMES,
     STEPS,
     AcceptanceBench,
+    AcceptanceOutcome,
     AcceptanceStep,
     Inspector,
-    AcceptanceOutcome,
     run_step,
     skip_step,
 )
@@ -182,7 +182,7 @@ def _check_car(url: str, car_name: str | None, cars: Path | None) -> None:
 def _run_steps(url: str, car_name: str | None, cars: Path | None,
                steps: Sequence[AcceptanceStep], start: Callable[[AcceptanceStep], str]
                ) -> tuple[list[AcceptanceOutcome], dict[str, Any]]:
-    """Run the steps on a car; return outcomes and what the car says about itself.
+    """Run the steps on a car; return outcomes and what the car reports about itself.
 
     start: returns "start", "skip" or "quit". After Ctrl-C or "quit" the other steps are skipped;
     the throttle is neutral.
@@ -195,6 +195,7 @@ def _run_steps(url: str, car_name: str | None, cars: Path | None,
         def progress(fraction: float, text: str) -> None:
             bar.update(task, completed=fraction, description=text)
 
+        # A simulated car has a workshop that answers; a person answers for a real one.
         inspector = cast("Inspector | None", backend.workshop) or AcceptanceOperator(
             bar.stop, bar.start)
         bench = AcceptanceBench(car, inspector, progress)
@@ -206,6 +207,7 @@ def _run_steps(url: str, car_name: str | None, cars: Path | None,
                 bar.stop()
                 answer = start(step)
                 bar.start()
+                # "quit" ends the check as Ctrl-C does: what was measured is still written.
                 if answer == "quit":
                     raise KeyboardInterrupt
                 outcomes.append(run_step(step, bench) if answer == "start" else
@@ -225,6 +227,7 @@ def _announce(step: AcceptanceStep) -> str:
 def _ask_start(step: AcceptanceStep) -> str:
     """Show a step and ask whether it starts. Raises CalibrationFailed without a terminal."""
     _announce(step)
+    # Without a terminal nobody can say that the wheels are free.
     if not sys.stdin.isatty():
         raise CalibrationFailed("not started: not confirmed", found="no terminal",
                                 expected="an operator at the car",

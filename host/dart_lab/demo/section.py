@@ -90,6 +90,7 @@ def _diagnosis_section(d: Diagnosis, how: str, report: str, *known: Html) -> Htm
                    if patterns else [])
     figures = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
+        # The verdict is first; the details of the method are folded.
         verdict_section(d, report), *known, *unexplained,
         page.foldable("How this was done", el("p", how)), overview(d),
         page.figures(figures), *([LEGEND] if figures else []),

@@ -10,8 +10,8 @@ from typing import Any
 from dart_hal.calibration.acceptance import (
     AGREEMENT_SHARE,
     AGREEMENT_SIGMAS,
-    AcceptanceFinding,
     AcceptanceOutcome,
+    Measurand,
     agrees,
 )
 from dart_lab.report import page
@@ -48,9 +48,11 @@ class AcceptanceReport:
         """Return the verdict: steps measured, failed and skipped, and values that differ."""
         number = {status: [o.step.title for o in self.outcomes if o.status == status]
                   for status in ("measured", "failed", "skipped")}
+        # Only values that both cars have can agree or differ.
         pairs = [(f, self._prediction(f)) for o in self.outcomes for f in o.findings]
         verdicts = [agrees(f, p) for f, p in pairs if p is not None]
         compared = [v for v in verdicts if v is not None]
+        # The verdict in one sentence: what was done, what was not, what differs.
         sentences = [f"{len(number['measured'])} of {len(self.outcomes)} steps measured"]
         sentences += [f"{status}: {', '.join(titles)}" for status, titles in number.items()
                       if status != "measured" and titles]
@@ -77,7 +79,7 @@ class AcceptanceReport:
              "try": o.remedy, "duration_s": o.seconds,
              "values": [self._value(f) for f in o.findings]} for o in self.outcomes]}
 
-    def _value(self, finding: AcceptanceFinding) -> dict[str, Any]:
+    def _value(self, finding: Measurand) -> dict[str, Any]:
         predicted = self._prediction(finding)
         return {"id": finding.key, "title": finding.title, "unit": finding.unit,
                 "measured": finding.value, "std": finding.std,
@@ -85,16 +87,16 @@ class AcceptanceReport:
                 "predicted_std": predicted.std if predicted else None,
                 "agrees": agrees(finding, predicted) if predicted else None}
 
-    def _prediction(self, finding: AcceptanceFinding) -> AcceptanceFinding | None:
+    def _prediction(self, finding: Measurand) -> Measurand | None:
         return next((f for o in self.predicted for f in o.findings if f.key == finding.key), None)
 
-    def _remark(self, finding: AcceptanceFinding) -> str:
+    def _remark(self, finding: Measurand) -> str:
         predicted = self._prediction(finding)
         verdict = agrees(finding, predicted) if predicted else None
         return "" if verdict is None else "as predicted" if verdict else "differs"
 
 
-def _text(finding: AcceptanceFinding | None) -> str:
+def _text(finding: Measurand | None) -> str:
     """Return a value with its standard error and unit."""
     if finding is None or finding.value is None:
         return NOT_MEASURED if finding is not None else "not predicted"
@@ -108,6 +110,7 @@ def _text(finding: AcceptanceFinding | None) -> str:
 def write_page(report: AcceptanceReport, path: Path, answer: Mapping[str, Any]) -> Path:
     """Write the page. Errors: OSError."""
     about = report.about
+    # One section per step in the order of the check; the origin is last, with the JSON file.
     sections = {o.step.name: (o.step.title, _section(report, o)) for o in report.outcomes}
     sections["origin"] = ("Origin", join((
         table(("", ""), [(name, _plain(value)) for name, value in about.items()]),

@@ -139,6 +139,7 @@ def tabulate_bars(caption: str, columns: Sequence[str], rows: Sequence[BarRow]) 
 def _bar_cell(value: float, median: float, top: float, style: str) -> Html:
     """Return one number with its bar, and a tick at the median."""
     number = "diverged" if math.isinf(value) else significant(value)
+    # A value without a finite size has no bar.
     if not (math.isfinite(value) and top > 0.0):
         return el("td", number)
     parts = [svg.bar(0.0, 1.0, 100.0 * value / top, BAR_HEIGHT - 2.0, style)]

@@ -133,7 +133,7 @@ class CarDifference:
 
 @dataclass(frozen=True, slots=True)
 class MotionSamples:
-    """Motion and commands STEP apart, (n,) each: s, m/s, rad/s, -1..1; good: may be used."""
+    """Motion and commands every STEP, (n,) each: s, m/s, rad/s, -1..1; good: may be used."""
 
     t: FloatArray
     speed: FloatArray

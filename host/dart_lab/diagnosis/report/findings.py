@@ -14,7 +14,7 @@ from .words import channel, interval, quantity_change, short_title
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class FindingLine:
     """One line.
 
     share: of an error that it removes. status: accepted, substitute, possible, ... anchor: of its
@@ -34,7 +34,7 @@ class Finding:
         return f"{self.status}: {'; '.join(filter(None, (self.name, self.size, known)))}"
 
 
-def list_findings(d: Diagnosis) -> list[Finding]:
+def list_findings(d: Diagnosis) -> list[FindingLine]:
     """List wrong parameters, causes, small corrections, then candidates that were not accepted."""
     wrong, small = ([_describe_claim(c) for c in d.claims if is_small(c) == kind]
                     for kind in (False, True))
@@ -42,7 +42,7 @@ def list_findings(d: Diagnosis) -> list[Finding]:
             *map(_describe_possible, d.possible)]
 
 
-def _describe_cause(cause: Cause, i: int) -> Finding:
+def _describe_cause(cause: Cause, i: int) -> FindingLine:
     gain = cause.gain
     share = ""
     if math.isfinite(gain.test):
@@ -50,11 +50,11 @@ def _describe_cause(cause: Cause, i: int) -> Finding:
         known = f" ({interval(gain)})" if math.isfinite(gain.low + gain.high) else ""
         share = f"{verb}{percent(abs(gain.test))}{known} of the {channel(gain.channel)} error"
     status = "accepted" if cause.constancy.constant else "substitute"
-    return Finding(f"{short_title(cause)} ({cause.effect})", main_size(cause), share, status,
+    return FindingLine(f"{short_title(cause)} ({cause.effect})", main_size(cause), share, status,
                    f"cause-{i + 1}")
 
 
-def _describe_claim(claim: Claim) -> Finding:
+def _describe_claim(claim: Claim) -> FindingLine:
     size = ""
     if claim.quantities:
         # The quantity that moved most, by its standard errors, among those that moved by much.
@@ -67,7 +67,7 @@ def _describe_claim(claim: Claim) -> Finding:
         verb = "" if gain >= 0.0 else "adds "
         known = f" ({percent(least)} to {percent(most)})" if math.isfinite(least + most) else ""
         share = f"{verb}{percent(abs(gain))}{known} of the motion error"
-    return Finding(f"{claim.title}", size, share,
+    return FindingLine(f"{claim.title}", size, share,
                    "small correction" if is_small(claim) else "wrong parameter", "claims")
 
 
@@ -76,6 +76,6 @@ def _significance(q: QuantityChange) -> tuple[bool, float]:
     return not is_small_change(q), abs(q.after - q.before) / max(q.std, 1e-12)
 
 
-def _describe_possible(p: Possible) -> Finding:
-    return Finding(f"{short_title(p)} ({p.effect}), probability {p.probability:.2f}", "", "",
+def _describe_possible(p: Possible) -> FindingLine:
+    return FindingLine(f"{short_title(p)} ({p.effect}), probability {p.probability:.2f}", "", "",
                    p.grade, "rejected")

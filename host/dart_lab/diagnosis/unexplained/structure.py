@@ -29,7 +29,7 @@ from ..result import Unexplained
 from .bases import basis_functions, list_variable_sets
 from .crossfit import (
     FOLDS,
-    MIN_BLOCKS,
+    MIN_SIGN_BLOCKS,
     BlockedResiduals,
     fit_function,
     normal_scores,
@@ -218,7 +218,7 @@ def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
     min_shares = []
     for group in groups:
         present, block = np.unique(group.block, return_inverse=True)
-        if len(present) >= MIN_BLOCKS:
+        if len(present) >= MIN_SIGN_BLOCKS:
             own_signs = signs[:, np.searchsorted(labels, present)]
             table, variable_sets = _group_shares(group, block, own_signs, rng, policy)
             tables.append(table)
