@@ -64,7 +64,7 @@ PICKS = (
     Pick("a stale link is no cause", "driver", CAR_PACKAGE + "driver.py",
          'causes.append("LINK_STALE")', "pass"),
     Pick("a dead encoder in reverse is not capped", "plan", ACT + "plan.py",
-         "return max(limits.min_throttle, -cap)", "return limits.min_throttle"),
+         "(max(limits.min_throttle, -cap),", "(limits.min_throttle,"),
     Pick("any pulse reaches the ESC", "plan", ACT + "plan.py",
          "clip(pulse, PIN_LOW_US, PIN_HIGH_US), angle", "pulse, angle"),
     Pick("a hang in reverse does not disarm", "chain", ACT + "chain.py",
@@ -84,5 +84,5 @@ PICKS = (
     Pick("a run-stop does not end arming", "driver", CAR_PACKAGE + "driver.py",
          "LIVE_MODES = (ArmState.ARMING, ", "LIVE_MODES = ("),
     Pick("a closed terminal ends the program at once", "engine", CAR_PACKAGE + "exit_signals.py",
-         "for number in (signal.SIGTERM, signal.SIGHUP):", "for number in (signal.SIGTERM,):"),
+         'STOPPING_SIGNALS = ("SIGTERM", "SIGHUP")', 'STOPPING_SIGNALS = ("SIGTERM",)'),
 )

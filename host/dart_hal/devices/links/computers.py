@@ -34,6 +34,7 @@ class Computer:
 # Bus numbers: documents of NVIDIA and Raspberry Pi about the 40-pin headers.
 COMPUTERS = (
     Computer("Jetson Orin Nano", "Orin Nano", 7),
+    # From memory until "Jetson Nano"; a wrong bus is refused, because no PCA9685 answers there.
     Computer("Jetson Orin NX", "Orin NX", 7),
     Computer("Jetson AGX Orin", "AGX Orin", 7),
     Computer("Jetson Xavier NX", "Xavier NX", 8),
