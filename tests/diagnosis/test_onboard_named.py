@@ -59,9 +59,11 @@ def test_parameters_that_a_drive_does_not_determine_are_not_called_found(tmp_pat
     """A refit that predicts the other drive worse is no explanation, and that is reported."""
     file, base = find_model("paper")
     misled, turning = (record_onboard(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
-    m = misled.messages
-    lie = replace(m, steering=np.full(len(m.steering), 0.6))  # of which the fit makes what it can
-    sides = check_inputs([replace(misled, messages=lie)], [turning], base)
-    found = diagnose(file, base, sides.train, sides.test, max_causes=0)
+    sides = check_inputs([misled], [turning], base)
+    # A steering command that is held: the check of the inputs would call it another car.
+    m = sides.train[0].messages
+    held = replace(m, steering=np.full(len(m.steering), 0.6))
+    found = diagnose(file, base, [replace(sides.train[0], messages=held)], sides.test,
+                     max_causes=0)
     assert found.verdict != "parameters_only"
     assert any("worse" in note and "yaw rate" in note for note in found.notes)
