@@ -21,6 +21,7 @@ help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
 
 demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; writes demo/index.html
+	@rm -rf demo/cars # each demo begins with a car that was never calibrated
 	@$(BIN)/dart-hal demo --out demo $(ARGS)
 
 # Real time comes behind the tests that keep the processors busy, from the files that name it:
