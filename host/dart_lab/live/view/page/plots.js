@@ -67,8 +67,8 @@ const Plots = (() => {
       if (plot.zoom) continue;
       const data = plot.channels.map((name) => name in logged ? logged[name] : columns[name]);
       plot.picture.setData([t, ...data]);
-      // The legend shows the values at the cursor, or the newest ones.
-      if (plot.picture.cursor.idx === null || plot.picture.cursor.idx === undefined) plot.picture.setLegend({ idx: t.length - 1 }, false);
+      // The legend shows the values at the cursor, or the newest ones: after uPlot has drawn, which empties it.
+      queueMicrotask(() => plot.picture.cursor.idx ?? plot.picture.setLegend({ idx: t.length - 1 }, false));
     }
   }
   fill();
