@@ -23,6 +23,7 @@ from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, counter_of
 
 from .clock import calibrate_clock
 from .esc import calibrate_esc
+from .imu import take_samples
 from .imu_fit import MeasuredTurn, fit_axis, measure_rest
 from .latency import arrival_delay, step_throttle
 from .latency_fit import fit_wheel
@@ -47,6 +48,10 @@ CONSTANT_DURATION = 5.0
 SPEED_SETTLING = 2.0
 # Full turns of the car by hand to each side: 0.5 deg of 1080.
 HAND_TURNS = 3
+# s: arming ends at one of the STATE frames, with pulses that are 20 ms apart.
+ARMING_TIME_STD = 0.05
+# One sigma of turns that are counted by hand, by a mark on the tyre.
+COUNTED_TURNS_STD = 0.05
 # s within which the turns by hand are finished, and rad/s below which the car is at rest again.
 MAX_HAND_TURN_TIME = 60.0
 MAX_REST_RATE = 0.05
@@ -148,7 +153,7 @@ def run_step(step: AcceptanceStep, bench: AcceptanceBench) -> AcceptanceOutcome:
     except DartHalError as raised:
         error = raised
     finally:
-        # Neutral before the operator is asked for readings, which may take minutes.
+        # Neutral before the operator takes readings, which may last minutes.
         bench.car.stop()
     findings += [Measurand(r.key, r.title, bench.inspector.read_instrument(r.key, r.question),
                            r.unit) for r in step.readings]
@@ -187,7 +192,6 @@ def _measure_rest(bench: AcceptanceBench) -> list[Measurand]:
     bench.progress(0.0, "listening")
     states = list(car.states(duration=REST_DURATION))
     rate = log.device_rate()
-    samples = log.take()
     last = states[-1]
     seconds = last.t - states[0].t
     lost = last.health.lost - states[0].health.lost
@@ -195,28 +199,24 @@ def _measure_rest(bench: AcceptanceBench) -> list[Measurand]:
     std = math.sqrt(2.0) * last.health.t_std / seconds
     found = [
         Measurand("frame_rate", "frames of the Nano", (len(states) - 1) / seconds,
-                "1/s"),
+                  "1/s"),
         Measurand("lost_frames", "frames lost", float(lost)),
         Measurand("clock_error", "clock of the Nano against the computer's",
                   1e6 * (1.0 / rate - 1.0), "ppm", 1e6 * std),
         Measurand("stamp_std", "standard deviation of the time stamps", 1e3 * last.health.t_std,
-                "ms"),
+                  "ms"),
     ]
     # Only firmware that measures its own supply reports it.
     volts = [s.health.vcc for s in states if s.health.vcc is not None]
     if volts:
         found.append(Measurand("nano_supply", "supply of the Nano, measured by itself",
-                             float(np.mean(volts)), "V", float(np.std(volts))))
-    if samples is None:
-        raise CalibrationFailed("no data of the IMU", found="almost no samples",
-                                expected="100 samples per second",
-                                likely="IMU unplugged, or SDA and SCL swapped",
-                                remedy="dart-hal doctor")
+                               float(np.mean(volts)), "V", float(np.std(volts))))
+    samples = take_samples(log)
     still = measure_rest(samples)
     found += [
         Measurand("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
         Measurand("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
-                float(still.std[2])),
+                  float(still.std[2])),
         Measurand("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
         Measurand("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
     ]
@@ -239,7 +239,7 @@ def _measure_pwm(bench: AcceptanceBench) -> list[Measurand]:
     counts = COUNTS_PER_FRAME * (counter_of(bench.car.files)[0] + 1)
     return [*_quantities(measured),
             Measurand("pwm_frequency", "PWM frequency", hertz.value / counts, "Hz",
-                    hertz.std / counts)]
+                      hertz.std / counts)]
 
 
 def _measure_delay(bench: AcceptanceBench) -> list[Measurand]:
@@ -250,11 +250,11 @@ def _measure_delay(bench: AcceptanceBench) -> list[Measurand]:
     arrival, arrival_std = arrival_delay(log.take())
     pulse, pulse_std = bench.grid.to_pulse
     return [Measurand("capture_wire", "pulses arrive at D8 of the Nano",
-                    "yes" if bench.grid.measured else "no"),
+                      "yes" if bench.grid.measured else "no"),
             Measurand("latency.command_to_pulse", "from a command to the end of its pulse",
-                    1e3 * pulse, "ms", 1e3 * pulse_std),
+                      1e3 * pulse, "ms", 1e3 * pulse_std),
             Measurand("latency.sensor_to_host", "from a sample to its arrival", 1e3 * arrival, "ms",
-                    1e3 * arrival_std)]
+                      1e3 * arrival_std)]
 
 
 def _measure_cutoff(bench: AcceptanceBench) -> list[Measurand]:
@@ -267,7 +267,7 @@ def _measure_cutoff(bench: AcceptanceBench) -> list[Measurand]:
     except NotArmed:
         refusals = car.refusals()
     seconds = car.now - before
-    kind = ("none", "on /OE", "multiplexer", "unknown")[car.hello.caps >> 2 & 3]
+    kind = car.hello.cutoff
     outcome = "passed"
     if kind == "none":
         outcome = "not fitted"
@@ -279,7 +279,7 @@ def _measure_cutoff(bench: AcceptanceBench) -> list[Measurand]:
     return [Measurand("cutoff", "hardware cut-off", kind),
             Measurand("cutoff_test", "self-test of the cut-off", outcome),
             Measurand("arming", "arm() at neutral", ", ".join(refusals) or "arms"),
-            Measurand("arming_time", "time until armed", seconds, "s", 0.05)]
+            Measurand("arming_time", "time until armed", seconds, "s", ARMING_TIME_STD)]
 
 
 # -- wheels off the ground ---------------------------------------------------------
@@ -303,9 +303,8 @@ def _measure_rotation(bench: AcceptanceBench) -> list[Measurand]:
                                 "turns by hand", expected="some 70 edges per turn of a wheel",
                                 likely="unplugged, or its sensor too far from the ring",
                                 remedy="turn a wheel by hand and watch dart-hal doctor")
-    # One sigma of the turns is a twentieth of a turn, by a mark on the tyre.
     return [Measurand("edges_per_turn", "edges per turn of a driven wheel", edges / turns, "",
-                    edges / turns * math.hypot(0.05 / turns, 1.0 / edges))]
+                      edges / turns * math.hypot(COUNTED_TURNS_STD / turns, 1.0 / edges))]
 
 
 def _measure_esc(bench: AcceptanceBench) -> list[Measurand]:
@@ -344,14 +343,14 @@ def _measure_wheel(bench: AcceptanceBench) -> list[Measurand]:
                       files.metres_per_edge.value, edges)
     phase_std = 0.0 if grid.measured else grid.phase_std
     return [Measurand("first_motion", "pulse of the first motion", first, "us", spin.count),
-            Measurand("tread_speed", "speed of the tread 45 us above it",
-                    constant.speed(CONSTANT_DURATION - SPEED_SETTLING), "m/s"),
+            Measurand("tread_speed", f"speed of the tread {HIGH_LEVEL:.0f} us above it",
+                      constant.speed(CONSTANT_DURATION - SPEED_SETTLING), "m/s"),
             Measurand("turn_jitter", "variation of the time of one turn of the ring, by edge times",
-                    1e2 * _turn_jitter(constant.without_start(SPEED_SETTLING), edges), "%"),
+                      1e2 * _turn_jitter(constant.without_start(SPEED_SETTLING), edges), "%"),
             Measurand("latency.pulse_to_wheel", "from a pulse to the wheel", 1e3 * wheel.delay[0],
-                    "ms", 1e3 * math.hypot(wheel.delay[1], phase_std)),
+                      "ms", 1e3 * math.hypot(wheel.delay[1], phase_std)),
             Measurand("latency.pulse_to_wheel_lag", "lag of the motor", 1e3 * wheel.lag[0], "ms",
-                    1e3 * wheel.lag[1])]
+                      1e3 * wheel.lag[1])]
 
 
 def _turn_jitter(span: PulseSpan, edges_per_rev: int) -> float:
@@ -382,11 +381,7 @@ def _measure_gyro(bench: AcceptanceBench) -> list[Measurand]:
     bench.progress(0.0, "at rest")
     for _ in car.states(duration=0.5 * REST_DURATION):
         pass
-    samples = log.take()
-    if samples is None:
-        raise CalibrationFailed("no data of the IMU", found="almost no samples",
-                                expected="100 samples per second", remedy="dart-hal doctor")
-    still = measure_rest(samples)
+    still = measure_rest(take_samples(log))
     turns = []
     for k, sign in enumerate((1, -1)):
         bench.progress(0.2 + 0.4 * k, f"{HAND_TURNS} turns by hand")
@@ -394,9 +389,7 @@ def _measure_gyro(bench: AcceptanceBench) -> list[Measurand]:
         log.take()
         inspector.rotate(sign * HAND_TURNS)
         _await_rest(car)
-        turned = log.take()
-        assert turned is not None
-        turns.append(MeasuredTurn(turned, inspector.turns()))
+        turns.append(MeasuredTurn(take_samples(log), inspector.turns()))
     if any(abs(turn.angle) < math.pi for turn in turns):
         raise CalibrationFailed("the car was not turned", found=", ".join(
             f"{math.degrees(turn.angle):.0f} deg" for turn in turns),
@@ -404,11 +397,11 @@ def _measure_gyro(bench: AcceptanceBench) -> list[Measurand]:
             remedy="run it again and turn the car by hand")
     mounting = fit_axis(turns, still)
     return [Measurand("imu.gyro_scale", "scale of the gyro", mounting.scale.value, "",
-                    mounting.scale.std),
+                      mounting.scale.std),
             Measurand("imu.mount_pitch", "pitch of the IMU", mounting.pitch.value, "rad",
-                    mounting.pitch.std),
+                      mounting.pitch.std),
             Measurand("imu.mount_roll", "roll of the IMU", mounting.roll.value, "rad",
-                    mounting.roll.std)]
+                      mounting.roll.std)]
 
 
 def _await_rest(car: Car) -> None:
@@ -451,15 +444,15 @@ STEPS = (
     AcceptanceStep("pwm", "PWM frequency", "A wire goes from the spare channel of the PCA9685 to "
                    "D8 of the Nano. The throttle stays neutral for 17 s.", _measure_pwm, (
                        MeterValue("pwm_frequency_scope", "PWM frequency by oscilloscope", "Hz",
-                               "PWM frequency of any channel by an oscilloscope [Hz]"),
+                                  "PWM frequency of any channel by an oscilloscope [Hz]"),
                        MeterValue("neutral_pulse_scope", "neutral pulse by oscilloscope", "us",
-                               "pulse width of the ESC's channel at neutral [us]"))),
+                                  "pulse width of the ESC's channel at neutral [us]"))),
     AcceptanceStep("delay", "Delays of the link", "The same wire. The throttle stays neutral for "
                    "10 s.", _measure_delay),
     AcceptanceStep("cutoff", "Cut-off and arming", "The car arms once at neutral throttle and "
                    "disarms.", _measure_cutoff, (
                        MeterValue("esc_arm_time", "arming time of the ESC by stopwatch", "s",
-                               "switch the ESC off and on: time until its last beep [s]"),)),
+                                  "switch the ESC off and on: time until its last beep [s]"),)),
     AcceptanceStep("rotation", "Edges of a known rotation", LIFTED + "Turn the wheels by hand; no "
                    "throttle. Mark the tyre first and count its turns.", _measure_rotation),
     AcceptanceStep("esc", "Speed controller", LIFTED + "The wheels spin for about 80 s, up to full "

@@ -100,7 +100,7 @@ def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
 def _measure_rest(car: Car, log: SensorLog) -> GyroRest:
     log.take()
     estimate_bias(list(car.states(duration=REST_TIME)))  # raises if the car is not at rest
-    return measure_rest(_take_samples(log))
+    return measure_rest(take_samples(log))
 
 
 def _drive_turns(car: Car, log: SensorLog, turns: int, left: bool) -> ImuSamples:
@@ -114,7 +114,7 @@ def _drive_turns(car: Car, log: SensorLog, turns: int, left: bool) -> ImuSamples
         states = runner.start_moving(pulse, TURN_SPEED, 0.0, left)
         _hold_until_turned(runner, pulse, first, states[-1], turns)
         rest(runner, pulse)
-        return _take_samples(log)
+        return take_samples(log)
 
 
 def _hold_until_turned(runner: CalibrationRunner, pulse: float, first: State, state: State,
@@ -142,10 +142,11 @@ def _drive_pull(car: Car, log: SensorLog) -> ImuSamples:
     with driving(car) as runner:
         log.take()
         roll(runner, car.files, PULL_DISTANCE, PULL_SPEED)
-        return _take_samples(log)
+        return take_samples(log)
 
 
-def _take_samples(log: SensorLog) -> ImuSamples:
+def take_samples(log: SensorLog) -> ImuSamples:
+    """Take the samples since the last call. Raises CalibrationFailed for almost none."""
     samples = log.take()
     if samples is None:
         raise _no_imu_data("almost no samples")

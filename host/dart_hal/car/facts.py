@@ -27,8 +27,6 @@ LOSS_WINDOW_FRAMES = 500
 MAX_CLOCK_STD = 2e-3
 # Parameter of the firmware: ms without a heartbeat after which it stops the car.
 BEAT_LIMIT = PARAM_BY_NAME["beat_timeout_ms"]
-# Kind of the hardware cut-off, by bits 2 and 3 of HELLO.caps.
-CUTOFF_KINDS = {0: "none", 1: "oe", 2: "mux"}
 # s of good heartbeats until a Nano with /OE passes the pulses: 0.5 s, and a late heartbeat. Before
 # that the ESC gets no neutral.
 OE_SWITCH_ON_TIME = 0.6
@@ -108,7 +106,7 @@ class Observer:
     def cutoff(self) -> str:
         """Return the hardware cut-off of the Nano: none, oe or mux."""
         hello = self._receiver.hello
-        return CUTOFF_KINDS.get((hello.caps >> 2 & 3) if hello else 0, "none")
+        return hello.cutoff if hello else "none"
 
     @property
     def passing(self) -> bool:

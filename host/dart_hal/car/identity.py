@@ -9,6 +9,8 @@ from dart_hal.wire.messages import PROTO, SCHEMA
 
 # Flags of HELLO.build.
 BUILD_DIRTY, BUILD_TEST, BUILD_MOCK = 1, 2, 4
+# Kind of the hardware cut-off by bits 2 and 3 of HELLO.caps.
+CUTOFF_KINDS = {0: "none", 1: "oe", 2: "mux"}
 # Bootloader by HELLO.bootloader, with its baud rate.
 BOOTLOADERS = {0: "unknown", 1: "ATmegaBOOT (57600)", 2: "Optiboot (115200)"}
 
@@ -46,6 +48,11 @@ class Hello:
     def board(self) -> str:
         """Return the board number as in the files of a car: 8 hex digits."""
         return f"{self.board_id:08x}"
+
+    @property
+    def cutoff(self) -> str:
+        """Return the hardware cut-off of the Nano: none, oe or mux; an unknown kind is none."""
+        return CUTOFF_KINDS.get(self.caps >> 2 & 3, "none")
 
     @property
     def mock(self) -> bool:

@@ -324,12 +324,12 @@ def _check_camera(car: Car) -> DoctorCheck:
 def _check_files(car: Car, cars: Path | None) -> list[DoctorCheck]:
     """Check the files, the hardware cut-off, the PWM clock and the calibration of the car."""
     files = car.files
-    # Bits 2 and 3 of the capabilities in HELLO: kind of the hardware cut-off, 0 for none.
-    fitted = car.hello.caps >> 2 & 3
+    # A kind that this version does not know counts as none, as it does for arming.
+    fitted = car.hello.cutoff != "none"
     map_ = files.calibration.steering.map if files.calibration else None
     return [
         _make_check("files", True, f"{files.origin}"),
-        _make_check("cutoff", bool(fitted), "fitted" if fitted else
+        _make_check("cutoff", fitted, "fitted" if fitted else
                     "none: if the computer fails, the car keeps its throttle", bad="warn",
                     expected="/OE or multiplexer on the Nano",
                     remedy="hardware/README.md, section Hardware cut-off"),
