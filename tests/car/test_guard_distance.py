@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, front_overhang
+from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, distance_to_front
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import RoomMap, polyline
@@ -48,7 +48,7 @@ class Approach:
                 self.speeds.append(state.speed)
             self.end = self.world.truth()
             self.ended = self.world.t
-            self.front = WALL - self.end.x - front_overhang(car.files.config.geometry)
+            self.front = WALL - self.end.x - distance_to_front(car.files.config.geometry)
 
     def _watch(self, channel, pulse):
         if channel == THROTTLE_CHANNEL:

@@ -51,6 +51,9 @@ from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.wire.messages import BY_NAME
 
+if TYPE_CHECKING:
+    from dart_hal.car.obstacle_guard import ObstacleGuard
+
 # Opened where neither the program nor $DART_HAL_URL gives a URL.
 DEFAULT_URL = "sim://"
 # s until the ESC has received the first neutral pulses of a car that has just been opened.
@@ -60,9 +63,6 @@ MAX_RAW_WAIT = 1.0
 # s until arming is given up: 2 s of neutral for the ESC, 0.5 s of good checks, and 2 s for
 # conditions that are met by waiting.
 MAX_ARM_WAIT = 4.5
-
-if TYPE_CHECKING:
-    from dart_hal.car.obstacle_guard import ObstacleGuard
 
 log = logging.getLogger("dart_hal")
 

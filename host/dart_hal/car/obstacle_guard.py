@@ -53,7 +53,7 @@ class ObstacleGuard:
         self._distance = distance
         self._wheelbase = geometry.wheelbase
         self._half_width = half_width(geometry) + SIDE_MARGIN
-        self._front = front_overhang(geometry)
+        self._front = distance_to_front(geometry)
         self._blocked = True
 
     def blocks(self, state: State) -> bool:
@@ -100,7 +100,7 @@ def arc_coordinates(points: FloatArray, curvature: float) -> tuple[FloatArray, F
             side * (radius - np.hypot(x, inward - radius)))
 
 
-def front_overhang(geometry: Geometry) -> float:
+def distance_to_front(geometry: Geometry) -> float:
     """Return the distance [m] from the rear axle to the front of the car."""
     length = 2.0 * HALF_LENGTH if geometry.length is None else geometry.length
     return 0.5 * (geometry.wheelbase + length)
@@ -125,4 +125,12 @@ def make_obstacle_guard(distance: float, backend: Backend, files: CarFiles) -> O
         raise UsageError("guard_distance needs a lidar", found=f"{backend.url.text} has none",
                          expected="a lidar that measures the obstacles",
                          remedy="lidar=\"serial:///dev/dart-lidar\", or sim://?lidar=1&map=room")
+    geometry = files.config.geometry
+    if geometry.length is None or geometry.width is None:
+        # The outline is that of DART; what a longer or wider car needs is not known here.
+        front = distance_to_front(geometry)
+        width = 2.0 * half_width(geometry)
+        backend.notices += (
+            f"guard_distance assumes a car of {front:.2f} m from rear axle to front, {width:.2f} m "
+            "wide: car.toml states no length and width under [geometry]",)
     return ObstacleGuard(float(distance), files)
