@@ -69,7 +69,7 @@ def find_car_difference(recordings: Sequence[Recording]) -> CarDifference | None
 def describe_difference(difference: CarDifference) -> str:
     """Return a difference in words, with the recordings of both groups."""
     factor = 1.0 + difference.size
-    return (f"{RESPONSES[difference.kind]} is {factor:.2f} +- {difference.error * factor:.2f} "
+    return (f"{RESPONSES[difference.kind]} is {factor:.2f} +- {difference.error:.2f} "
             f"times as large in {_shorten(difference.second)} as in {_shorten(difference.first)}")
 
 

@@ -84,9 +84,11 @@ GAIN_DRIFT = {"steering_poses": 0.04, "steering_sensors": 0.1, "throttle_poses":
               "throttle_sensors": 0.15, "encoder": 0.02}
 TRIM_DRIFT = {"steering": 0.06, "throttle": 0.04}
 UNDERSTEER_DRIFT = 0.03  # s2/m
-# Two cars: probability of a difference in any pair of recordings of one car, and least difference.
+# Two cars: probability, for each kind of response, of a difference in any pair of recordings of one
+# car, and the least difference.
 FALSE_ALARM = 1e-4
 MIN_DIFFERENCE = 0.2
+MAX_MEAN_DIFFERENCE = 1.98  # over the mean: one response is 200 times the other
 RESPONSES = {
     "steering_poses": "curvature of the path (poses) at the same steering command",
     "steering_sensors": "curvature of the path (encoder and gyro) at the same steering command",
@@ -121,12 +123,14 @@ class CarDifference:
     """Two groups of recordings with different responses.
 
     kind: key of RESPONSES. size: relative, second group over first one. error: of the size, with
-    the drift of one car. Recordings that cannot be compared are in no group.
+    the drift of one car. significance: in standard errors. Recordings that cannot be compared are
+    in no group.
     """
 
     kind: str
     size: float
     error: float
+    significance: float
     first: tuple[str, ...]
     second: tuple[str, ...]
 
@@ -162,7 +166,7 @@ def measure_response(recording: Recording) -> Response:
 def compare_responses(responses: Sequence[Response]) -> CarDifference | None:
     """Find the most significant difference that recordings of one car do not have, or None."""
     found = [d for kind in RESPONSES if (d := _find_groups(responses, kind)) is not None]
-    return max(found, key=lambda d: abs(d.size) / d.error, default=None)
+    return max(found, key=lambda d: d.significance, default=None)
 
 
 def compare_pair(first: Response, second: Response, kind: str) -> tuple[float, float] | None:
@@ -205,7 +209,10 @@ def _find_groups(responses: Sequence[Response], kind: str) -> CarDifference | No
         if k in groups or len(of_k) < len(groups):
             continue
         groups[min(of_k, key=lambda founder: abs(of_k[founder][0]))].append(responses[k].name)
-    return CarDifference(kind, (2.0 - size) / (2.0 + size) - 1.0, error,
+    # From the difference over the mean to the ratio (2 - d) / (2 + d) and its error.
+    d = min(max(size, -MAX_MEAN_DIFFERENCE), MAX_MEAN_DIFFERENCE)
+    ratio = (2.0 - d) / (2.0 + d)
+    return CarDifference(kind, ratio - 1.0, 4.0 * error / (2.0 + d)**2, abs(size) / error,
                          tuple(groups[one]), tuple(groups[other]))
 
 
