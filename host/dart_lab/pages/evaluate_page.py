@@ -51,15 +51,18 @@ def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
 
 
 def _verdict(e: Evaluation) -> str:
-    """State which channels are predicted better than by constant velocity, and which worse."""
+    """State which channels are predicted better than by constant velocity, and which worse.
+
+    A channel counts where the 95 % interval of its gain excludes 0.
+    """
     gains = dict(zip(CHANNELS, e.gain_over_ctrv(1.0).values(), strict=True))
-    better, worse = ([TITLES[c] for c, g in gains.items() if (g.value > 0.0) == kind]
-                     for kind in (True, False))
-    if not better:
-        return "Constant velocity predicts every channel better, 1 s ahead."
-    rest = f", but {join_names(worse, 'and')} worse" if worse else ""
-    return (f"{e.vehicle.name} predicts {join_names(better, 'and')} better than constant velocity"
-            f"{rest}, 1 s ahead.")
+    better = [TITLES[c] for c, g in gains.items() if g.low > 0.0]
+    worse = [TITLES[c] for c, g in gains.items() if g.high < 0.0]
+    parts = [f"{join_names(names, 'and')} {word} than constant velocity"
+             for names, word in ((better, "better"), (worse, "worse")) if names]
+    if not parts:
+        return f"{e.vehicle.name} and constant velocity do not differ significantly, 1 s ahead."
+    return f"{e.vehicle.name} predicts {', but '.join(parts)}, 1 s ahead."
 
 
 def _draw_errors(e: Evaluation) -> Html:

@@ -51,7 +51,7 @@ def _describe_cause(cause: Cause, i: int) -> FindingLine:
         share = f"{verb}{percent(abs(gain.test))}{known} of the {channel(gain.channel)} error"
     status = "accepted" if cause.constancy.constant else "substitute"
     return FindingLine(f"{short_title(cause)} ({cause.effect})", main_size(cause), share, status,
-                   f"cause-{i + 1}")
+                       f"cause-{i + 1}")
 
 
 def _describe_claim(claim: Claim) -> FindingLine:
@@ -67,8 +67,8 @@ def _describe_claim(claim: Claim) -> FindingLine:
         verb = "" if gain >= 0.0 else "adds "
         known = f" ({percent(least)} to {percent(most)})" if math.isfinite(least + most) else ""
         share = f"{verb}{percent(abs(gain))}{known} of the motion error"
-    return FindingLine(f"{claim.title}", size, share,
-                   "small correction" if is_small(claim) else "wrong parameter", "claims")
+    return FindingLine(claim.title, size, share,
+                       "small correction" if is_small(claim) else "wrong parameter", "claims")
 
 
 def _significance(q: QuantityChange) -> tuple[bool, float]:
@@ -78,4 +78,4 @@ def _significance(q: QuantityChange) -> tuple[bool, float]:
 
 def _describe_possible(p: Possible) -> FindingLine:
     return FindingLine(f"{short_title(p)} ({p.effect}), probability {p.probability:.2f}", "", "",
-                   p.grade, "rejected")
+                       p.grade, "rejected")
