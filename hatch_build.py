@@ -1,7 +1,7 @@
 """Compiles the vehicle kernels while the package is built, and writes its page for an index.
 
 A plain build compiles them for this processor, if there is a C compiler. Without one, or when it
-fails, the package is built all the same: the first use tries again, and numpy computes what nobody
+fails, the package is built all the same: the first use tries again, and numpy computes what is not
 compiled. ``DART_HAL_WHEEL`` selects a wheel to publish:
 
 ``any``       no library in it, for every system (py3-none-any)

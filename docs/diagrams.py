@@ -56,7 +56,7 @@ class Diagram:
 
     def add_arrow(self, start: tuple[float, float], end: tuple[float, float], label: str = "",
                   offset: tuple[float, float] = (0.0, 0.9), style: str = "-|>") -> None:
-        """Add an arrow, with a label beside its middle."""
+        """Add an arrow, with a label near its middle."""
         self.axes.annotate("", xy=end, xytext=start,
                            arrowprops={"arrowstyle": style, "color": INK, "lw": 1.1,
                                        "shrinkA": 0.0, "shrinkB": 0.0})

@@ -1,4 +1,4 @@
-"""Words beside a picture, each with a thin line to what it names."""
+"""Words next to a picture, each with a thin line to what it names."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Pixel = tuple[float, float]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 
-def spread(wanted: Sequence[float], sizes: Sequence[float], low: float,
+def spread(targets: Sequence[float], sizes: Sequence[float], low: float,
            high: float) -> list[float]:
-    """Return middles as near as possible to the wanted ones, in their order, without overlap."""
+    """Return middles as near as possible to the targets, in their order, without overlap."""
     shrink = min(1.0, (high - low) / max(sum(sizes), 1e-9))
     sizes = [size * shrink for size in sizes]
     found: list[float] = []
     edge = low
-    for middle, size in zip(wanted, sizes, strict=True):
+    for middle, size in zip(targets, sizes, strict=True):
         found.append(max(middle, edge + size / 2.0))
         edge = found[-1] + size / 2.0
     edge = high

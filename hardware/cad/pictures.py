@@ -86,7 +86,7 @@ def mark_lines(row: dict[str, Any], matrix: np.ndarray) -> list[trimesh.Trimesh]
 
 
 def exploded(every: list[Thing], path: Path) -> list[str]:
-    """Deck and encoder pulled apart, without the chassis; returns what its labels miss."""
+    """Exploded view of deck and encoder, without the chassis; returns what its labels miss."""
     scene, drawn = stage((1900, 1900)), list[Shown]()
     for thing in every:
         if thing.name.startswith((*BELOW, "screw")):

@@ -87,7 +87,7 @@ def seen_at(scene: pv.Plotter, point: Sequence[float]) -> tuple[float, float]:
 
 
 def save(scene: pv.Plotter, path: Path, legend: Legend = (), drawn: Sequence[Shown] = ()) -> None:
-    """Small PNG: white margins cut, the words of the legend beside it, 256 colours."""
+    """Small PNG: white margins cut, the words of the legend next to it, 256 colours."""
     image = Image.fromarray(scene.screenshot(return_img=True))
     points = [seen_at(scene, middle(target, drawn)) for _, target in legend]
     scene.close()

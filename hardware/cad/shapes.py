@@ -1,4 +1,4 @@
-"""Boxes, cylinders, tubes, gears and prisms that stand for bought parts; no CAD kernel needed.
+"""Boxes, cylinders, tubes, gears and prisms that represent bought parts; no CAD kernel needed.
 
 A shape is a plain dictionary, so that `built.json` holds it and the tests build the same body.
 """
@@ -65,7 +65,7 @@ def lathe(profile: list[tuple[float, float]], sides: int) -> trimesh.Trimesh:
     return _connect([[(r * math.cos(a), r * math.sin(a), z) for r, z in profile] for a in angles])
 
 
-def toothed(tip: float, inner: float, length: float, teeth: int) -> trimesh.Trimesh:
+def make_toothed_rim(tip: float, inner: float, length: float, teeth: int) -> trimesh.Trimesh:
     """Rim of a spur gear about z. Straight flanks, a tooth of 2.25 modules (ISO 53)."""
     module = 2.0 * tip / (teeth + 2.0)
     root = tip - 2.25 * module
@@ -107,8 +107,8 @@ def body(shape: Shape) -> trimesh.Trimesh:
     elif shape["kind"] == "prism":
         mesh = _prism(shape["points"], *shape["z"])
     elif shape["kind"] == "rim":
-        mesh = toothed(shape["radius"], shape["inner"], math.dist(shape["start"], shape["end"]),
-                       shape["teeth"])
+        length = math.dist(shape["start"], shape["end"])
+        mesh = make_toothed_rim(shape["radius"], shape["inner"], length, shape["teeth"])
         mesh.apply_transform(turned(shape["start"], shape["end"]))
     else:
         length = math.dist(shape["start"], shape["end"])

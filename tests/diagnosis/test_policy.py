@@ -31,7 +31,7 @@ GRIDS = {"MAX_FIT_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE",
          "DENSE_LADDER", "PEAK_TOLERANCE", "MAX_REFINEMENTS", "PREDICTION_TOLERANCE",
          "MIN_SIZE_STEP", "MAX_BISECTIONS", "MIN_PROPORTION"}
 """Numbers of a search that decide no name: iterations, starts, rounding, sizes that are tried, and
-what changed no answer when it was halved or doubled (docs/results/policy_sensitivity.md)."""
+what changed no answer when it was halved or doubled in the cases of docs/results/ablation.md."""
 
 
 def bare(text):

@@ -227,7 +227,7 @@ def _announce(step: AcceptanceStep) -> str:
 def _ask_start(step: AcceptanceStep) -> str:
     """Show a step and ask whether it starts. Raises CalibrationFailed without a terminal."""
     _announce(step)
-    # Without a terminal nobody can say that the wheels are free.
+    # Without a terminal there is no operator to confirm that the wheels are free.
     if not sys.stdin.isatty():
         raise CalibrationFailed("not started: not confirmed", found="no terminal",
                                 expected="an operator at the car",

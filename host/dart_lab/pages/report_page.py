@@ -115,7 +115,7 @@ def write_page(report: CarReport, path: Path, answer: dict[str, Any]) -> Path:
     todo = report.to_do()
     lead = "Nothing needs attention." if not todo else "What needs attention:"
     card = page.card(el("p", lead, class_="big"), page.items(todo), good=not todo)
-    # The picture first; it has no place beside the list on a phone, where both are stacked.
+    # The picture first; it has no place next to the list on a phone, where both are stacked.
     steering_map = _map(report)
     top = el("div", steering_map, card, class_="pair") if steering_map else card
     # z, the difference over its standard error, is unknown where a value has no standard error.

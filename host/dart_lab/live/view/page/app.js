@@ -11,7 +11,7 @@
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
   const addNotice = Notices.add;
   function setBadge(text) { $("mode").textContent = text; $("mode").className = `badge ${text.replace(/ /g, "-")}`; }
-  // Values of a server that is gone or silent are dimmed, and nobody can take its wheel.
+  // Values of a server that is gone or silent are dimmed, and its wheel cannot be taken.
   function setStale(on) {
     if (on === document.body.classList.contains("stale")) return;
     document.body.classList.toggle("stale", on);
