@@ -41,7 +41,7 @@ class Browser:
     def text(self, name):
         return self[name].text
 
-    def until(self, what, name, within=10.0):
+    def until(self, what, name, within=30.0):
         ends = time.monotonic() + within
         while time.monotonic() < ends:
             shown = self.text(name)

@@ -46,7 +46,7 @@ def show(browsers, monkeypatch):
 
         def show_cars(*some):
             cars[:] = some
-            within(5.0, lambda: len(one.run(SWATCHES)) >= len(some))
+            within(30.0, lambda: len(one.run(SWATCHES)) >= len(some))
             time.sleep(0.3)
             return one
 

@@ -63,7 +63,7 @@ def test_a_link_shows_its_moment_with_numbers_and_steps(open_at):
 
 def test_a_run_without_a_link_plays_by_itself(open_at):
     one = open_at("", make_run(2000))
-    within(5.0, lambda: seconds_of(one) > 0.3)
+    within(30.0, lambda: seconds_of(one) > 0.3)
     assert one.text("play") == "Pause"
     one.press("play")
     held = seconds_of(one)
@@ -94,13 +94,13 @@ def test_two_runs_are_on_one_time_bar(open_at):
     one = open_at("#t=2", make_run(speed=lambda n: n / 100), later)
     assert "2.00 m/s | 0.50 m/s" in numbers(one)
     assert "2.00 m 0.00 m | 2.00 m 0.50 m" in numbers(one)
-    within(5.0, lambda: pixels(one, ORANGE) > 50)
+    within(30.0, lambda: pixels(one, ORANGE) > 50)
     legend = "return document.querySelector('#plot0 .u-legend').innerText"
-    within(5.0, lambda: "second, speed" in one.run(legend))
+    within(30.0, lambda: "second, speed" in one.run(legend))
     one = open_at("#t=2", make_run())
     assert "|" not in numbers(one), "control: one run"
     assert pixels(one, ORANGE) == 0
-    within(5.0, lambda: "speed" in one.run(legend))
+    within(30.0, lambda: "speed" in one.run(legend))
     assert "second" not in one.run(legend)
 
 
