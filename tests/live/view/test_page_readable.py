@@ -28,7 +28,7 @@ return [...document.querySelectorAll('main > section')].filter((one) => one.offs
   .map((one) => one.className);
 """
 PLOT = "const [one] = [plots.find((p) => p.root.parentElement.id === 'plot0')];"
-LEGEND = "return document.querySelector('#plot0 .u-legend').innerText.replace(/\\s+/g, '')"
+LEGEND = "return document.querySelector('#plot0 .u-legend')?.innerText.replace(/\\s+/g, '') ?? ''"
 
 
 def find_faults(browser):

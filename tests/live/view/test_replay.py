@@ -95,7 +95,7 @@ def test_two_runs_are_on_one_time_bar(open_at):
     assert "2.00 m/s | 0.50 m/s" in numbers(one)
     assert "2.00 m 0.00 m | 2.00 m 0.50 m" in numbers(one)
     within(30.0, lambda: pixels(one, ORANGE) > 50)
-    legend = "return document.querySelector('#plot0 .u-legend').innerText"
+    legend = "return document.querySelector('#plot0 .u-legend')?.innerText ?? ''"
     within(30.0, lambda: "second, speed" in one.run(legend))
     one = open_at("#t=2", make_run())
     assert "|" not in numbers(one), "control: one run"
