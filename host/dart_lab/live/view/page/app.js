@@ -6,7 +6,7 @@
   const token = decodeURIComponent(location.hash.slice(1));
   const SEND_PERIOD_MS = 33, SILENT_AFTER_MS = 1500;
   const REPLACED = 4001;  // close code of a socket that a newer page replaces, see server.py
-  let socket = null, fields = [], isDriver = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null;
+  let socket = null, fields = [], isDriver = false, heard = null, heardAt = 0, holding = false, mode = "", first = true, maps = {}, frame = null, padStops = false;
 
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
   const addNotice = Notices.add;
@@ -142,7 +142,7 @@
   }
 
   const isServerAlive = () => socket && socket.readyState === 1 && performance.now() - heardAt < SILENT_AFTER_MS;
-  Stop.install({ send: () => { send({ type: "stop" }); return isServerAlive(); }, addNotice, releaseStick: Stick.release });
+  const stop = Stop.install({ send: () => { send({ type: "stop" }); return isServerAlive(); }, addNotice, releaseStick: Stick.release });
   $("take").onclick = () => { if (isDriver) { setDriver(false); send({ type: "leave" }); } else send({ type: "take", token }); };
   $("arm").onclick = () => send({ type: "arm" });
   $("unlock").onclick = () => send({ type: "unlock" });
@@ -150,6 +150,7 @@
 
   setInterval(() => {
     if (socket && socket.readyState === 1 && heard !== null && performance.now() - heardAt > SILENT_AFTER_MS) { setBadge("no news"); setStale(true); }
+    if (!$("stop").hidden && Stick.isStopPressed()) { if (!padStops) stop(); padStops = true; } else padStops = false;
     const position = Stick.read();
     if (!isDriver || heard === null || document.hidden) { holding = false; return; }
     if (position) { holding = true; send({ type: "drive", steering: position[0], throttle: position[1], heard, unchanged: Stick.unchanged() / 1000 }); }

@@ -3,7 +3,8 @@
 const Stick = (() => {
   const face = document.getElementById("stick"), knob = document.getElementById("knob");
   const KEYS = { KeyW: [0, 1], ArrowUp: [0, 1], KeyS: [0, -1], ArrowDown: [0, -1], KeyA: [1, 0], ArrowLeft: [1, 0], KeyD: [-1, 0], ArrowRight: [-1, 0] };
-  const BUMPER = 5, STEER = 0, THROTTLE = 3, DEAD_ZONE = 0.05;  // of the standard gamepad
+  // Axis and buttons of the standard layout of the Gamepad API: left stick, right trigger, left trigger, right bumper, B.
+  const STEER = 0, GAS = 7, BRAKE = 6, BUMPER = 5, PAD_STOP = 1, DEAD_ZONE = 0.05;
   const down = new Set();
   let held = null, pointer = null, box = null;
   // Times of the last report of each source [ms]. A value that is read again is no report: its device may be out of range.
@@ -36,15 +37,30 @@ const Stick = (() => {
 
   // The rest position of a worn stick is not exactly 0.
   const applyDeadZone = (v) => Math.abs(v) > DEAD_ZONE ? v : 0;
+  // A pad with another layout is refused: its buttons are unknown. Each is reported once.
+  const refused = new Set();
+  function isStandard(one) {
+    if (one.mapping === "standard") return true;
+    if (!refused.has(one.id)) Notices.add(`the browser has no standard layout for the gamepad "${one.id}": it does not drive and its B is no STOP. Try another browser, or dart-hal drive --gamepad --map`);
+    refused.add(one.id);
+    return false;
+  }
+  const pads = () => [...(navigator.getGamepads ? navigator.getGamepads() : [])].filter((one) => one && one.connected !== false && isStandard(one));
+  // Until its first report a trigger may read half of its travel: both have to be seen at rest once.
+  const rested = new Set();
+  addEventListener("gamepaddisconnected", (event) => { rested.delete(event.gamepad.index); });
   function pad() {
-    for (const one of navigator.getGamepads ? navigator.getGamepads() : []) {
-      if (!one || one.connected === false || !one.buttons[BUMPER] || !one.buttons[BUMPER].pressed) continue;
+    let held = null;
+    for (const one of pads()) {
+      const gas = applyDeadZone(one.buttons[GAS].value), brake = applyDeadZone(one.buttons[BRAKE].value);
+      if (!gas && !brake) rested.add(one.index);
+      if (held || !one.buttons[BUMPER].pressed) continue;
       const state = JSON.stringify([one.axes, one.buttons.map((button) => [button.pressed, button.value])]);
       if (state !== padState) { padState = state; report("pad"); }
-      return [-applyDeadZone(one.axes[STEER]), -applyDeadZone(one.axes[THROTTLE])];
+      held = [-applyDeadZone(one.axes[STEER]), rested.has(one.index) ? gas - brake : 0];
     }
-    padState = "";
-    return null;
+    if (!held) padState = "";
+    return held;
   }
   function keys() {
     if (!down.size) return null;
@@ -62,6 +78,7 @@ const Stick = (() => {
     },
     // ms since the source of the last read() reported anything
     unchanged() { return performance.now() - reported[source]; },
+    isStopPressed() { return pads().some((one) => one.buttons[PAD_STOP].pressed); },
     enable(on) { face.classList.toggle("off", !on); },
     release,
   };

@@ -1,5 +1,6 @@
 "use strict";
-// STOP of both pages: the button, and the space bar with every focus. `Stop.install({ send, addNotice, releaseStick })`.
+// STOP of both pages: the button, and the space bar with every focus. `Stop.install({ send, addNotice, releaseStick })` returns
+// the function that stops.
 // send: sends STOP through the socket, returns whether it is open and the server has answered recently; addNotice: shows a text;
 // releaseStick: releases the stick.
 const Stop = (() => {
@@ -27,6 +28,7 @@ const Stop = (() => {
       // In the capture phase and without the default action, so that no element gets the key first or is pressed by it.
       addEventListener("keydown", (event) => { if (isSpace(event)) { event.preventDefault(); event.stopPropagation(); stop(); } }, true);
       for (const name of ["keypress", "keyup"]) addEventListener(name, (event) => { if (isSpace(event)) { event.preventDefault(); event.stopPropagation(); } }, true);
+      return stop;
     },
   };
 })();
