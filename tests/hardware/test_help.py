@@ -12,7 +12,7 @@ sys.path[:0] = [str(Path(__file__).parents[2] / "hardware")]
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
-@pytest.mark.parametrize("name", ["measure_clock", "set_parameter", "measured", "see_lidar"])
+@pytest.mark.parametrize("name", ["measured", "see_lidar"])
 def test_help_is_the_text_of_the_script(name, option, monkeypatch, capsys):
     script = importlib.import_module(name)
     monkeypatch.setattr(sys, "argv", [f"{name}.py", option])

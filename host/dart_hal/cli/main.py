@@ -36,6 +36,7 @@ VERBS = {
     "export": "convert a recording for other programs: table, ROS bag, LeRobot",
     "top": "live view of a car in the terminal",
     "flash": "write the firmware to a Nano and wait for its HELLO",
+    "parameter": "store a parameter in the Nano, for example what hardware is fitted",
 }
 VERB_GROUPS = {
     "start": ("find", "doctor", "flash", "car"),
@@ -44,7 +45,7 @@ VERB_GROUPS = {
     "drive": ("drive", "follow", "lane", "map", "localize", "stop", "fleet"),
     "look": ("top",),
     "data": ("replay", "export"),
-    "service": ("standby",),
+    "service": ("standby", "parameter"),
 }
 # Group of the entry points. Each is a mapping like VERBS of another package.
 VERB_ENTRY_POINTS = "dart_hal.verbs"

@@ -194,7 +194,7 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.cutoff != "none" and f.beat_limit is None),
     Refusal("BEAT_LIMIT_TOO_LONG", "hardware",
             f"the Nano waits longer than {BEAT_LIMIT_MS} ms for a heartbeat before it cuts",
-            f"python hardware/set_parameter.py beat_timeout_ms={BEAT_LIMIT_MS}",
+            f"dart-hal parameter beat_timeout_ms {BEAT_LIMIT_MS}",
             lambda f: f.cutoff != "none" and (f.beat_limit or 0) > BEAT_LIMIT_MS),
     Refusal("MCU_WATCHDOG_FIRED", "hardware", "the Nano's watchdog fired in its last run",
             "power the Nano off and on; report it with the recording",
