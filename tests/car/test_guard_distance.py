@@ -26,8 +26,9 @@ TEST_THROTTLE = 0.25
 class Approach:
     """A car that a program drives straight at a wall; ``front``: distance left at its end [m]."""
 
-    def __init__(self, guard_distance, seconds=8.0, throttle=TEST_THROTTLE, change=None):
-        backend = open_backend(ROOM_URL)
+    def __init__(self, guard_distance, seconds=8.0, throttle=TEST_THROTTLE, change=None,
+                 lidar="1"):
+        backend = open_backend(ROOM_URL.replace("lidar=1", f"lidar={lidar}"))
         self.world = world_of(backend)
         # A wall ahead and one far behind, in place of the room.
         backend.lidar.unit._room = RoomMap("wall", np.vstack((
@@ -60,8 +61,9 @@ class Approach:
                 if t >= since and us > NEUTRAL_US + NEUTRAL_TOLERANCE_US]
 
 
-def test_a_program_that_drives_at_a_wall_is_stopped_at_the_pin():
-    guarded = Approach(GUARD_DISTANCE)
+@pytest.mark.parametrize("lidar", ["1", "ld19", "rplidar"])
+def test_a_program_that_drives_at_a_wall_is_stopped_at_the_pin(lidar):
+    guarded = Approach(GUARD_DISTANCE, lidar=lidar)
     assert max(guarded.speeds) > 1.0
     assert GUARD_DISTANCE - 0.05 < guarded.front < GUARD_DISTANCE + 0.6
     assert not guarded.forward(guarded.ended - 1.0)

@@ -12,7 +12,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 from dart_hal.devices.lidar.packets import LidarDecoder
 from dart_lab.sim.lidar.maps import RoomMap, box
-from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, parse_lidar
+from dart_lab.sim.lidar.params import NOMINAL, LidarParams, hidden_lidar, parse_lidar
 from dart_lab.sim.lidar.unit import LidarUnit, SimLidar
 
 EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
@@ -62,6 +62,38 @@ def test_points_lie_on_the_walls(params):
     for scan in found:
         assert np.isfinite(scan.range).all()
         assert off_walls(scan.points(in_room(resting_pose))).max() < 0.006
+
+
+@pytest.mark.parametrize(("kind", "beams"), [("ld19", 450), ("rplidar", 358)])
+@pytest.mark.parametrize("changes", [{}, {"clockwise": 0.0, "yaw": 0.7}, {"lost": 0.05}])
+def test_points_of_other_models_lie_on_the_walls(kind, beams, changes):
+    """Also with damaged bytes, except that no check covers the distances of an RPLidar."""
+    params = replace(NOMINAL[kind], noise=0.0, dropout=0.0, jitter=0.0, **changes)
+    found = scans(params=params, seconds=3.0)
+    assert len(found) >= 10
+    assert max(len(s) for s in found) == beams
+    for scan in found:
+        off = off_walls(scan.points(in_room(resting_pose)))
+        assert np.quantile(off, 0.95) < 0.006
+        if kind == "ld19" or "lost" not in changes:
+            assert off.max() < 0.006
+
+
+@pytest.mark.parametrize("kind", ["ld19", "rplidar"])
+@pytest.mark.parametrize("seed", [0, 2])
+def test_other_models_see_a_straight_wall_from_a_car_that_turns(kind, seed):
+    straight, crooked = bent(hidden_lidar(seed, kind), seconds=3.0)
+    assert straight < 0.025
+    assert crooked > 2.0 * straight
+
+
+def test_other_models_state_their_noise_and_range():
+    for kind in ("ld19", "rplidar"):
+        nominal = NOMINAL[kind]
+        reach = np.concatenate([s.range for s in scans(params=nominal, seconds=6.0)])
+        assert np.isnan(reach).mean() == pytest.approx(nominal.dropout, abs=0.005)
+        big = RoomMap("big", box(0.0, 0.0, 0.0, 30.0, 30.0), np.empty((0, 4)), (0.0, 0.0, 0.0))
+        assert all(np.isnan(s.range).all() for s in scans(room=big, params=nominal))
 
 
 def test_a_wrong_mount_is_detected():
@@ -174,7 +206,8 @@ def test_same_seed_same_bytes_and_another_seed_others():
     assert one == two != other
 
 
-@pytest.mark.parametrize("text", ["2", "colour=1", "rate=x", "rate=8,rate=8", "rate=99", "noise"])
+@pytest.mark.parametrize("text", ["2", "colour=1", "sick", "ld19,x4", "noise=0,ld19",
+                                  "rate=x", "rate=8,rate=8", "rate=99", "noise"])
 def test_what_makes_no_sense_is_refused(text):
     with pytest.raises(UsageError):
         parse_lidar(text, 1)
@@ -183,6 +216,9 @@ def test_what_makes_no_sense_is_refused(text):
 def test_what_is_not_stated_is_hidden_in_the_seed():
     assert parse_lidar("0", 1) is None
     assert parse_lidar("1", 7) == hidden_lidar(7) != hidden_lidar(8)
+    assert parse_lidar("ld19", 7) == hidden_lidar(7, "ld19")
+    assert parse_lidar("rplidar,rate=6", 7) == replace(hidden_lidar(7, "rplidar"), rate=6.0)
+    assert parse_lidar("x4", 7) == hidden_lidar(7)
     assert parse_lidar("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
 
 

@@ -36,7 +36,8 @@ SIDE_MARGIN = 0.03
 RELEASE_MARGIN = 0.1
 # s from a decision to neutral at the motor: the frame that is out, the next one, the ESC.
 REACTION_TIME = 3.0 * PWM_FRAME
-# s since the last beam after which a scan no longer counts: three revolutions at 8 per second.
+# s since the last beam after which a scan no longer counts: three revolutions at 8 per second,
+# two at the 5.5 of an RPLidar.
 MAX_SCAN_AGE = 0.4
 # 1/m below which an arc is a straight line.
 MIN_CURVATURE = 1e-3

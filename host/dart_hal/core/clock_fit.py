@@ -3,7 +3,7 @@
 1. Each frame gives a pair (x, y): x = device time, y = arrival minus the time on the wire.
 2. USB and scheduler can only delay y, so the true line lies on the lower hull of the pairs.
 3. Once per second, the hull edge below the middle of the last 20 s gives the rate, limited to
-   MAX_RATE_ERROR. The line of that rate below all pairs gives the offset.
+   max_rate_error. The line of that rate below all pairs gives the offset.
 4. Half of the smallest round trip of the pings is subtracted: the smallest delay of a frame.
 
       y - x ^   .      .         .      delayed arrivals
@@ -52,13 +52,15 @@ class ClockFit:
     """Maps device seconds to host seconds, causally and monotonically.
 
     byte_time [s]: ten bits of the line; latch_delay [s]: from the encoder latch to the first byte
-    in the UART, a constant of the firmware.
+    in the UART, a constant of the firmware; max_rate_error: largest relative error of the device's
+    clock.
     """
 
-    def __init__(self, *, byte_time: float = 10 / 500_000,
-                 latch_delay: float = LATCH_DELAY) -> None:
+    def __init__(self, *, byte_time: float = 10 / 500_000, latch_delay: float = LATCH_DELAY,
+                 max_rate_error: float = MAX_RATE_ERROR) -> None:
         self.byte_time = byte_time
         self.latch_delay = latch_delay
+        self.max_rate_error = max_rate_error
         self.rate = 1.0
         self._rate_known = False
         self._published = -inf
@@ -166,7 +168,8 @@ class ClockFit:
         if age >= MIN_FIT_AGE or not self._rate_known:
             start, end = find_middle_edge(lower_hull(pairs))
             slope = (end[1] - start[1]) / (end[0] - start[0])
-            self.rate = min(max(slope, 1.0 - MAX_RATE_ERROR), 1.0 + MAX_RATE_ERROR)
+            limit = self.max_rate_error
+            self.rate = min(max(slope, 1.0 - limit), 1.0 + limit)
         # 2. The offset is that of the line below all pairs; its spread is the median residual.
         slope = self.rate
         residuals = sorted(y - slope * x for x, y in pairs)

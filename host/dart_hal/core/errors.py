@@ -85,12 +85,12 @@ class LinkLost(DartHalError, ConnectionError):
 
 
 class NoScan(DartHalError, TimeoutError):
-    """The port of the lidar is open, but no packet of an X4 is received."""
+    """The port of the lidar is open, but no packet of a known model is received."""
 
     code = "D-LIDAR-01"
     likely_default = ("its motor does not turn (no 5 V at the adapter), its cable to the adapter "
                       "is loose, or it is another device")
-    remedy_default = "dart-hal find ; serial:///dev/dart-lidar, with ?baud=N for another model"
+    remedy_default = "dart-hal find ; serial:///dev/dart-lidar, without model= and baud="
 
 
 class NoImage(DartHalError, TimeoutError):

@@ -113,7 +113,8 @@ def _reveal(url: Url, as_json: bool) -> None:
         text = value if isinstance(value, str) else f"{value:.6g}"
         results.print(f"{'mocap.' + name:32} {text}")
     for name, value in (truth["lidar"] or {}).items():
-        results.print(f"{'lidar.' + name:32} {value:.6g}")
+        text = value if isinstance(value, str) else f"{value:.6g}"
+        results.print(f"{'lidar.' + name:32} {text}")
     if truth["room"]:
         x, y, yaw = truth["room"]["start"]
         results.print(f"room {truth['room']['name']}: {len(truth['room']['lines'])} lines, start "

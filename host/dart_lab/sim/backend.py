@@ -15,7 +15,7 @@ Options:
 - ``effect``: further effects, such as ``steering_lag:0.06,encoder_ring:missing=0.1``
   (docs/reference/effects.md)
 - ``mocap``: 1 or, for example, ``rate=50,lock=2``, a motion capture (``dart_lab.sim.mocap``)
-- ``lidar``: 1 or, for example, ``rate=8,noise=0.01``, a lidar (``dart_lab.sim.lidar``)
+- ``lidar``: 1, a model or, for example, ``ld19,noise=0.01``, a lidar (``dart_lab.sim.lidar``)
 - ``map``: the room of lidar and camera
 - ``camera``: top, a camera at the ceiling (``dart_lab.sim.camera``)
 - ``pace`` 1: real time, the world does not wait for the program

@@ -1,4 +1,4 @@
-"""The lidar on a real serial port (a pty): bytes, commands, cables, and who is not a lidar."""
+"""The lidar on a real serial port (a pty): bytes, commands, cables, models, other devices."""
 
 from __future__ import annotations
 
@@ -16,16 +16,23 @@ import serial
 from dart_hal.core.errors import LinkLost, NoScan, PortMissing, UsageError
 from dart_hal.devices.lidar import open_lidar, port
 from dart_hal.devices.lidar.packets import START_COMMAND, STOP_COMMAND
+from dart_hal.devices.lidar.rplidar import SCAN_REQUEST, STOP_REQUEST
 from dart_hal.devices.links.serial_port import SerialLink
+from tests.devices.lidar import ld19_bytes, rplidar_bytes
 from tests.devices.lidar.x4_bytes import revolution
 
 pytestmark = pytest.mark.realtime
 
 
 class Unit:
-    """The far end of a port: sends ``packets`` at the pace of their samples, over and over."""
+    """The far end of a port: sends ``packets`` at the pace of their samples, over and over.
 
-    def __init__(self, packets, *, waits=True):
+    interval: s between two packets; None: by the number of samples in a packet of an X4.
+    """
+
+    def __init__(self, packets, *, waits=True, start=START_COMMAND, interval=None):
+        self._start = start
+        self._interval = interval
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self.master, False)
@@ -41,11 +48,12 @@ class Unit:
         while not self._done.wait(0.002):
             with suppress(BlockingIOError):
                 self.heard += os.read(self.master, 64)
-            self._runs = self._runs or START_COMMAND in self.heard
+            self._runs = self._runs or self._start in self.heard
             while self._packets and self._runs and due < time.monotonic():
                 raw = self._packets[k % len(self._packets)]
                 os.write(self.master, raw)
-                k, due = k + 1, due + max(raw[3], 1) * 0.2e-3
+                k += 1
+                due += self._interval or max(raw[3], 1) * 0.2e-3
             if not self._runs:
                 due = time.monotonic()
 
@@ -156,6 +164,7 @@ def test_a_port_that_is_not_there():
 
 @pytest.mark.parametrize("url", ["udp://:5005", "serial://", "/dev/ttyUSB1", "serial://[",
                                  "serial:///dev/x?colour=1", "serial:///dev/x?baud=fast",
+                                 "serial:///dev/x?model=sick",
                                  "serial:///dev/x?baud=0", "serial:///dev/x?baud=1&baud=2"])
 def test_what_is_no_lidar_is_refused(url):
     with pytest.raises(UsageError):
@@ -174,3 +183,112 @@ def test_the_motor_stops_with_the_port(unit, monkeypatch):
     lines.clear()
     SerialLink(one.path).close()
     assert True not in [up for _, up in lines]
+
+
+def ld19_unit(unit):
+    raw = ld19_bytes.stream(30)
+    return unit([raw[k:k + 47] for k in range(0, len(raw), 47)], waits=False, interval=12 / 4500)
+
+
+def rplidar_unit(unit, answers=rplidar_bytes.RATE_ANSWER + rplidar_bytes.SCAN_DESCRIPTOR):
+    raw = rplidar_bytes.stream(30)
+    nodes = [raw[k:k + 40] for k in range(0, len(raw), 40)]
+    return unit([answers, *nodes], start=SCAN_REQUEST, interval=8 * 508e-6)
+
+
+@pytest.mark.parametrize(("make", "model", "beams", "rate"), [
+    (ld19_unit, "ld19", 450, 10.0), (rplidar_unit, "rplidar", 360, 5.47)])
+def test_other_models_scan_and_stop(unit, make, model, beams, rate):
+    far = make(unit)
+    lidar = open_lidar(f"serial://{far.path}?model={model}")
+    scans = collect(lidar, 1.2)
+    assert len(scans) >= 4
+    assert [len(s) for s in scans[1:]] == [beams] * len(scans[1:])
+    assert scans[-1].rate == pytest.approx(rate, rel=0.03)
+    assert lidar.trouble is None
+    lidar.close()
+    if model == "rplidar":
+        wait_for(lambda: far.heard.count(STOP_REQUEST) == 2)
+        assert far.heard.startswith(STOP_REQUEST)
+
+
+@pytest.mark.parametrize(("make", "model"), [(ld19_unit, "ld19"), (rplidar_unit, "rplidar")])
+def test_a_model_that_is_not_stated_is_recognised(unit, monkeypatch, make, model):
+    monkeypatch.setattr(port, "PROBE_TIME", 0.6)
+    monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.05)
+    lidar = open_lidar(f"serial://{make(unit).path}")
+    try:
+        assert lidar.model.key == "x4"
+        wait_for(lambda: lidar.poll(time.monotonic()), 10.0)
+        assert lidar.model.key == model
+        assert collect(lidar, 0.5)
+        assert lidar.trouble is None
+    finally:
+        lidar.close()
+
+
+def test_an_x4_that_is_not_stated_stays_one(unit, monkeypatch):
+    monkeypatch.setattr(port, "PROBE_TIME", 0.2)
+    lidar = open_lidar(f"serial://{unit(revolution()).path}")
+    try:
+        assert collect(lidar, 0.8)
+        assert lidar.model.key == "x4"
+    finally:
+        lidar.close()
+
+
+def test_another_model_than_stated_is_named(unit, monkeypatch):
+    monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.2)
+    lidar = open_lidar(f"serial://{ld19_unit(unit).path}?model=rplidar&baud=230400")
+    try:
+        assert collect(lidar, 0.6) == []
+        trouble = lidar.trouble
+        assert isinstance(trouble, NoScan)
+        assert trouble.found == "packets of an LD19"
+        assert "RPLidar at 230400 baud" in trouble.expected
+        assert "leave out model=" in trouble.remedy
+    finally:
+        lidar.close()
+
+
+def test_the_health_of_a_unit_that_does_not_scan_is_reported(unit, monkeypatch):
+    """A unit in protection stop answers, and sends no nodes."""
+    monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.2)
+    monkeypatch.setattr(port, "MAX_BYTES_WITHOUT_PACKET", 10_000)
+    answers = rplidar_bytes.INFO_ANSWER + rplidar_bytes.HEALTH_ANSWER
+    far = unit([answers], start=SCAN_REQUEST, interval=10.0)
+    lidar = open_lidar(f"serial://{far.path}?model=rplidar")
+    try:
+        collect(lidar, 0.8)
+        assert "health 2, error 4660" in lidar.trouble.found
+        assert "model 24" in lidar.trouble.found
+    finally:
+        lidar.close()
+
+
+def test_an_unplugged_ld19_is_reported_and_continues(unit, tmp_path, monkeypatch):
+    monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.05)
+    first = ld19_unit(unit)
+    name = tmp_path / "dart-lidar"
+    name.symlink_to(first.path)
+    lidar = open_lidar(f"serial://{name}?model=ld19")
+    try:
+        assert collect(lidar, 0.5)
+        first.close()
+        name.unlink()
+        wait_for(lambda: lidar.trouble is not None)
+        assert isinstance(lidar.trouble, LinkLost)
+        name.symlink_to(ld19_unit(unit).path)
+        wait_for(lambda: lidar.trouble is None)
+        assert collect(lidar, 0.6)
+    finally:
+        lidar.close()
+
+
+def test_the_motor_of_an_a1_runs_while_dtr_is_low(unit, monkeypatch):
+    lines = []
+    monkeypatch.setattr(serial.Serial, "_update_dtr_state",
+                        lambda port: lines.append(port._dtr_state))
+    open_lidar(f"serial://{unit([]).path}?model=rplidar").close()
+    assert lines[0] is False
+    assert lines[-1] is True

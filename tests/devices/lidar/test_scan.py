@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from dart_hal.core.types import Mount, Scan
 from dart_hal.devices.lidar.health import LidarHealthMonitor
-from dart_hal.devices.lidar.scan import BYTE_TIME, LidarStream
+from dart_hal.devices.lidar.scan import LidarStream
 from tests.devices.lidar.x4_bytes import packet, revolution
 
 PERIOD = 0.2e-3
+X4_BYTE_TIME = 10 / 128_000
 
 
 def arrivals(packets, *, skew=0.0, start=10.0, late=None):
@@ -23,7 +24,7 @@ def arrivals(packets, *, skew=0.0, start=10.0, late=None):
     count, free = 0, 0.0
     for k, raw in enumerate(packets):
         count += raw[3]
-        free = max(start + (count - 1) * PERIOD * (1.0 + skew), free) + len(raw) * BYTE_TIME
+        free = max(start + (count - 1) * PERIOD * (1.0 + skew), free) + len(raw) * X4_BYTE_TIME
         yield raw, free + (0.0 if late is None else late[k])
 
 
@@ -55,7 +56,8 @@ def test_the_clock_of_the_unit_is_learnt_through_late_arrivals():
     true = [10.0 + PERIOD * (1.0 + 4e-4) * (n * 606 + np.arange(606)) for n in range(len(found))]
     worst = [np.abs(s.t - t).max() for s, t in zip(found, true, strict=True)]
     assert max(worst[80:]) < 0.5e-3
-    by_arrival = [abs(s.arrival - t[-1] - 12 * BYTE_TIME) for s, t in zip(found, true, strict=True)]
+    by_arrival = [abs(s.arrival - t[-1] - 12 * X4_BYTE_TIME)
+                  for s, t in zip(found, true, strict=True)]
     assert max(by_arrival[80:]) > 10.0 * max(worst[80:]), "the control: arrivals would do as well"
 
 

@@ -33,9 +33,10 @@ def far(a, b):
 
 
 @pytest.mark.slow
-def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
+@pytest.mark.parametrize("lidar", ["1", "ld19", "rplidar"])
+def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path, lidar):
     """Searched, tracked, fused, recorded; a replay gives the same."""
-    backend = open_backend(MAPPED_ROOM_URL)
+    backend = open_backend(MAPPED_ROOM_URL.replace("lidar=1", f"lidar={lidar}"))
     room = room_of_car(backend)
     world = world_of(backend)
     x0, y0, yaw0 = room.start

@@ -1,4 +1,4 @@
-"""The lidar: converts the bytes of a YDLidar X4 to scans with a time for every beam."""
+"""The lidar: converts bytes of an X4, LD19 or RPLidar to scans with a time for every beam."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from urllib.parse import parse_qsl, urlsplit
 from dart_hal.core.added_sensors import list_schemes, open_added_sensor
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ScanSource
-from dart_hal.devices.lidar.packets import BAUD
+from dart_hal.devices.lidar.models import LIDAR_MODELS
 
 LIDAR_URLS = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
 LIDAR_SCHEMES = ("serial", "hwgrep")
-LIDAR_OPTIONS = ("baud",)
+LIDAR_OPTIONS = ("model", "baud")
 
 
 def open_lidar(text: str) -> ScanSource:
@@ -19,7 +19,8 @@ def open_lidar(text: str) -> ScanSource:
 
     Raises UsageError, PortMissing, PortBusy, PortDenied, PluginFailed.
 
-    Option after ``?``: ``baud``, the line rate; default 128000, that of an X4.
+    Options after ``?``: ``model``, x4, ld19 or rplidar; default: it is recognised. ``baud``, the
+    line rate; default: those of the models.
     """
     try:
         parts = urlsplit(text, allow_fragments=False)
@@ -39,12 +40,20 @@ def open_lidar(text: str) -> ScanSource:
     if unknown or len(options) < len(pairs):
         raise UsageError(f"{text}: options of a lidar", expected=", ".join(LIDAR_OPTIONS),
                          found=", ".join(unknown) or "one given twice")
-    baud = options.get("baud", str(BAUD))
-    if not (baud.isascii() and baud.isdigit() and int(baud)):
-        raise UsageError(f"baud={baud!r} is not a line rate", found=text, expected=str(BAUD))
+    models = {model.key: model for model in LIDAR_MODELS}
+    key = options.get("model")
+    if key is not None and key not in models:
+        raise UsageError(f"model={key!r} is no lidar with a driver", found=text,
+                         expected=", ".join(models))
+    model = None if key is None else models[key]
+    baud = options.get("baud")
+    if baud is not None and not (baud.isascii() and baud.isdigit() and int(baud)):
+        bauds = (model.bauds if model else [m.bauds[0] for m in LIDAR_MODELS])
+        raise UsageError(f"baud={baud!r} is not a line rate", found=text,
+                         expected=" or ".join(map(str, bauds)))
     from dart_hal.devices.lidar.port import SerialLidar
     from dart_hal.devices.links.serial_port import find_port
 
     pattern = target if parts.scheme == "hwgrep" else None
     device = target if pattern is None else find_port(pattern)
-    return SerialLidar(device, int(baud), text, pattern)
+    return SerialLidar(device, None if baud is None else int(baud), text, pattern, model)

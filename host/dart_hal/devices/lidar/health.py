@@ -30,8 +30,10 @@ MAX_LOG_DIFFERENCE = 0.5
 MIN_TURN_STEP = radians(4.0)
 # rad of turns in total before the sense is reported.
 MIN_TOTAL_TURN = radians(60.0)
-# 1/s; above it the original DART software found a gap at the front left.
-MAX_SAFE_RATE = 8.25
+# 1/s; above it the original DART software found a gap at the front left of an X4.
+MAX_X4_RATE = 8.25
+# Samples per second by which an X4 is recognised: 5000, less those that are lost at the ends.
+X4_SAMPLE_RATE = (4750.0, 5250.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,8 @@ class LidarHealth:
 
     def sentences(self) -> Iterator[str]:
         """Yield a message for each problem."""
-        if self.rate > MAX_SAFE_RATE:
+        samples = self.rate * self.beams / max(1.0 - self.lost, 0.01)
+        if self.rate > MAX_X4_RATE and X4_SAMPLE_RATE[0] < samples < X4_SAMPLE_RATE[1]:
             yield f"it turns {self.rate:.2f} times a second: above 8.25 a sector may be lost"
         if self.lost > 0.01:
             yield f"{100 * self.lost:.0f} % of the beams are lost on the line"

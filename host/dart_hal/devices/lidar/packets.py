@@ -56,8 +56,9 @@ class Packet(NamedTuple):
 
     starts: a revolution begins; hertz: revolutions per second measured by the unit, None = not
     sent; first, last [rad]: direction of the unit, 0 to 2 pi; angle (n,) [rad] of the points, in
-    the unit's sense of rotation; distance (n,) [m, NaN = no return]; size: bytes; behind: bytes
-    after it in the same read.
+    the unit's sense of rotation; distance (n,) [m, NaN = no return]; size: bytes sent after the
+    last sample was taken; behind: bytes after it in the same read; lost: bytes before it were of no
+    valid packet.
     """
 
     starts: bool
@@ -68,11 +69,12 @@ class Packet(NamedTuple):
     distance: FloatArray
     size: int
     behind: int
+    lost: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Answer of the unit to a command: 0x04 information, 0x06 health, 0x81 it streams."""
+    """Answer to a command: 0x04 information, 0x06 health, 0x15 sample rate, 0x81 it streams."""
 
     kind: int
     content: bytes
@@ -85,6 +87,8 @@ class Answer:
                     + "".join(str(digit) for digit in c[4:]))
         if self.kind == 0x06:
             return "health good" if c[0] == 0 else f"health {c[0]}, error {c[1] | c[2] << 8}"
+        if self.kind == 0x15:
+            return f"a sample each {c[0] | c[1] << 8} us"
         return "it streams"
 
 
@@ -92,13 +96,15 @@ class LidarDecoder:
     """Finds packets and answers in bytes that arrive in any portions; raises nothing.
 
     packets: valid ones; broken: heads with a wrong checksum or form; skipped: bytes of neither
-    packet nor answer; answers: the newest of each kind.
+    packet nor answer; answers: the newest of each kind; sample_period [s]: None, it is constant.
     """
 
     def __init__(self) -> None:
         self.packets = self.broken = self.skipped = 0
+        self.sample_period: float | None = None
         self.answers: dict[int, Answer] = {}
         self._rest = b""
+        self._damage = 0
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets that ``data`` completes."""
@@ -120,8 +126,10 @@ class LidarDecoder:
                 self.answers[answer.kind] = answer
             elif length and _is_valid(buffer[position:position + length]):
                 self.packets += 1
+                damage = self.broken + self.skipped
                 out.append(_decode_packet(buffer[position:position + length],
-                                          len(buffer) - position - length))
+                                          len(buffer) - position - length, damage > self._damage))
+                self._damage = damage
             else:
                 self.broken += 1
                 self.skipped += 2
@@ -153,8 +161,8 @@ def _is_valid(raw: bytes) -> bool:
     return bool(np.bitwise_xor.reduce(words) == 0 and words[2] & words[3] & 1)
 
 
-def _decode_packet(raw: bytes, remaining: int) -> Packet:
-    """Decode a valid packet; remaining: bytes after it in the same read."""
+def _decode_packet(raw: bytes, remaining: int, lost: bool) -> Packet:
+    """Decode a valid packet; remaining: bytes after it in the same read; lost: as in it."""
     words = np.frombuffer(raw, "<u2")
     first = float(words[2] >> 1) * ANGLE_UNIT
     last = float(words[3] >> 1) * ANGLE_UNIT
@@ -165,7 +173,7 @@ def _decode_packet(raw: bytes, remaining: int) -> Packet:
     decihertz = raw[2] >> 1
     starts = bool(raw[2] & 1)
     return Packet(starts, decihertz / 10.0 if starts and decihertz else None, first, last,
-                  directions + parallax(distance), distance, len(raw), remaining)
+                  directions + parallax(distance), distance, len(raw), remaining, lost)
 
 
 def parallax(distance: FloatArray) -> FloatArray:

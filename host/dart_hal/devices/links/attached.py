@@ -14,7 +14,8 @@ from dart_hal.devices.links.serial_port import holders
 LIDAR = "10C4:EA60"
 # USB bridges of such boards, by the numbers of vendor and product.
 BRIDGES = {"1A86:7523": "CH340, as on most Nano clones", "0403:6001": "FT232, as on an older Nano",
-           "2341:0043": "ATmega16U2 of an Uno", LIDAR: "CP2102, as on the adapter of a YDLidar"}
+           "2341:0043": "ATmega16U2 of an Uno",
+           LIDAR: "CP2102, as on the adapters of YDLidar, RPLidar and LD19"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,6 @@ class SerialLink(Link):
 
     def __init__(self, device: str, baud: int = RATES[0], *, dtr: bool = False) -> None:
         self.device = device
-        self._dtr = dtr
         self._port = serial.Serial()
         self._port.port = device
         self._port.timeout = 0
@@ -162,11 +161,12 @@ class SerialLink(Link):
         """Return that of the open port. Raises a ``PORT_LOST_ERRORS`` for a closed one."""
         return int(self._port.fd)
 
-    def close(self) -> None:
+    def set_dtr(self, on: bool) -> None:
+        """Set the modem line, which keeps its state when the port closes; a lost port is left."""
         with contextlib.suppress(*PORT_LOST_ERRORS):
-            if self._dtr:
-                # ``_configure_port`` keeps DTR on closing, so that a motor would run on.
-                self._port.dtr = False
+            self._port.dtr = on
+
+    def close(self) -> None:
         with contextlib.suppress(OSError):
             self._port.close()
 

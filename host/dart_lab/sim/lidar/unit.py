@@ -1,9 +1,10 @@
-"""A YDLidar X4 in the virtual world, with the bytes on its line.
+"""A lidar in the virtual world, with the bytes on its line.
 
-Every 0.2 ms of its own clock the unit takes one sample from the pose of the car at that instant, so
-the scan of a turning car is distorted as a real one. The laser beam starts 21.8 mm from the axis of
-the receiver and crosses it 155.3 mm ahead; the angle correction in the manual follows from this.
-Packets are sent after their last sample, at 128000 baud, one after the other.
+At each sample period of its own clock the unit takes one sample from the pose of the car at that
+instant, so the scan of a turning car is distorted as a real one. The laser beam of an X4 starts
+21.8 mm from the axis of the receiver and crosses it 155.3 mm ahead; the angle correction in the
+manual follows from this. LD19 and RPLidar correct their angles themselves. Packets are sent after
+their last sample, at the line rate of the model, one after the other.
 
 A revolution is computed as a whole after its last sample. The arrival times of its bytes do not
 depend on when it is computed.
@@ -11,36 +12,26 @@ depend on when it is computed.
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from math import atan2, pi, tau
 
 import numpy as np
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import FloatArray, IntArray, Scan
-from dart_hal.devices.lidar.packets import (
-    DISTANCE_UNIT,
-    HEADER_SIZE,
-    LASER_CROSSING_MM,
-    LASER_OFFSET_MM,
-    SAMPLE_PERIOD,
-)
-from dart_hal.devices.lidar.scan import BYTE_TIME, LidarStream
+from dart_hal.devices.lidar.models import X4, LidarModel
+from dart_hal.devices.lidar.packets import LASER_CROSSING_MM, LASER_OFFSET_MM
+from dart_hal.devices.lidar.scan import LidarStream
 from dart_hal.estimation.localisation.rays import NO_HIT, fastest_cast
+from dart_lab.sim.lidar.encoders import PER_PACKET
 from dart_lab.sim.lidar.maps import RoomMap
 from dart_lab.sim.lidar.params import LidarParams
 
-# Samples of a packet of an X4.
-PER_PACKET = 40
 # Angle between the laser beam and the axis of the receiver [rad].
 LASER_ANGLE = atan2(LASER_OFFSET_MM, LASER_CROSSING_MM)
 # Direction of the gap to the left [rad], which upstream saw above 8.25 turns per second.
 GAP_ANGLE = pi / 4.0
-# Counts of a turn, 64 per degree.
-ANGLE_COUNTS = 23040
 
 # x, y [m], yaw [rad] (n, 3) of the rear axle in the world at times (n,) [s].
 Poses = Callable[[FloatArray], FloatArray]
@@ -56,6 +47,9 @@ class LidarUnit:
         self._poses = poses
         self._room = room
         self._params = params
+        self._period = params.model.sample_period
+        self._byte_time = 10 / params.model.bauds[0]
+        self._encoder = params.make_encoder()
         self._noise = np.random.default_rng([seed, 512])
         self._line = np.random.default_rng([seed, 513])
         self._cast = fastest_cast()
@@ -64,6 +58,11 @@ class LidarUnit:
         self._turn_end = 0.0
         self._batch = self._next_turn()
         self._sent: deque[tuple[bytes, float]] = deque()
+
+    @property
+    def model(self) -> LidarModel:
+        """Return which lidar it is."""
+        return self._params.model
 
     def chunks(self, now: float) -> list[tuple[bytes, float]]:
         """Return the packets that have arrived by ``now``, the world's time [s], with arrivals."""
@@ -77,7 +76,7 @@ class LidarUnit:
 
     def _times(self, samples: IntArray) -> FloatArray:
         """Return the world times [s] of samples of the unit."""
-        return samples.astype(np.float64) * (SAMPLE_PERIOD * (1.0 + self._params.skew))
+        return samples.astype(np.float64) * (self._period * (1.0 + self._params.skew))
 
     def _head_angle(self, t: FloatArray) -> FloatArray:
         """Return the angle of the head since the start of the world [rad], not wrapped."""
@@ -88,7 +87,7 @@ class LidarUnit:
     def _next_turn(self) -> IntArray:
         """Return the samples of this revolution and the first one of the next."""
         self._turns += 1
-        samples = self._sample + np.arange(int(1.5 / (self._params.rate * SAMPLE_PERIOD)))
+        samples = self._sample + np.arange(int(1.5 / (self._params.rate * self._period)))
         t = self._times(samples)
         last = int(np.argmax(self._head_angle(t) >= tau * self._turns))
         self._sample += last + 1
@@ -96,30 +95,25 @@ class LidarUnit:
         return samples[:last + 1]
 
     def _send(self, samples: IntArray) -> None:
-        """Send a revolution: packets of 40 samples, the last sample as a packet of its own."""
+        """Send a revolution and the first sample of the next."""
         p = self._params
         t = self._times(samples)
         head = self._head_angle(t)
-        counts = np.round(self._measure(t, head) / DISTANCE_UNIT).astype(int)
-        angles = np.round(np.degrees(head) * 64.0).astype(int) % ANGLE_COUNTS
-        cuts = [*range(0, len(samples) - 1, PER_PACKET), len(samples) - 1, len(samples)]
-        for a, b in pairwise(cuts):
-            starts = b == len(samples)
-            rate = round(10.0 * p.rate) if starts and p.hertz else 0
-            raw = bytearray(encode_packet(starts, rate, int(angles[a]), int(angles[b - 1]),
-                                          counts[a:b]))
+        for packet, t_last in self._encoder.encode(t, head, self._measure(t, head)):
+            raw = bytearray(packet)
             # A packet starts after its last sample, when the line is free.
             lost, place, delay = self._line.uniform(size=3).tolist()
             if lost < p.lost:
                 raw[int(place * len(raw))] ^= 0x10
-            self._line_free = max(float(t[b - 1]) + p.delay, self._line_free) + len(raw) * BYTE_TIME
+            self._line_free = max(t_last + p.delay, self._line_free) + len(raw) * self._byte_time
             self._arrived = max(self._line_free + delay * p.jitter, self._arrived)
             self._sent.append((bytes(raw), self._arrived))
 
     def _measure(self, t: FloatArray, head: FloatArray) -> FloatArray:
         """Return the reported distances [m] at times (n,) [s]; 0 = no echo.
 
-        1. Laser: its origin has an offset from the axis of the receiver, its direction crosses it.
+        1. Laser of an X4: its origin has an offset from the axis of the receiver, its direction
+           crosses it.
         2. Distance along the laser to the first object, then from the axis to that point.
         3. Scale, noise, range, drop-outs and the gap.
         """
@@ -130,9 +124,10 @@ class LidarUnit:
         s = np.sin(true[:, 2])
         axis = true[:, :2] + np.column_stack((c * p.x - s * p.y, s * p.x + c * p.y))
         ahead = true[:, 2] + p.yaw + sense * head
-        offset = sense * 1e-3 * LASER_OFFSET_MM
+        is_x4 = p.model is X4
+        offset = sense * 1e-3 * LASER_OFFSET_MM if is_x4 else 0.0
         laser = axis + offset * np.column_stack((-np.sin(ahead), np.cos(ahead)))
-        direction = ahead - sense * LASER_ANGLE
+        direction = ahead - sense * LASER_ANGLE if is_x4 else ahead
         reach = self._spot_distance(t, laser, direction)
         beam = _directions(direction)
         r = np.linalg.norm(laser + reach[:, None] * beam - axis, axis=1)
@@ -196,7 +191,7 @@ class SimLidar:
 
     def __init__(self, unit: LidarUnit) -> None:
         self.unit = unit
-        self.stream = LidarStream()
+        self.stream = LidarStream(unit.model)
 
     def poll(self, now: float) -> Sequence[Scan]:
         """Return scans whose last byte has arrived by ``now``, the world's time [s]."""
@@ -204,13 +199,3 @@ class SimLidar:
 
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
-
-
-def encode_packet(starts: bool, rate: int, first: int, last: int, counts: IntArray) -> bytes:
-    """Encode a packet: rate [0.1 Hz], angles in 1/64 deg, samples in quarters of a mm."""
-    head = struct.pack("<4H", 0x55AA, (rate << 1 | starts) | len(counts) << 8, first << 1 | 1,
-                       last << 1 | 1)
-    body = counts.astype("<u2").tobytes()
-    check = np.bitwise_xor.reduce(np.frombuffer(head + body, "<u2"))
-    assert len(head) + 2 == HEADER_SIZE
-    return head + struct.pack("<H", int(check)) + body
