@@ -70,15 +70,18 @@ def test_without_a_terminal_the_remedy_is_the_option(on_a_car):
     assert "--yes" in error["try"]
 
 
-def test_the_result_comes_last_and_fits_a_screen(on_a_car):
+def test_the_verdict_comes_first_and_fits_a_screen(on_a_car):
     done = on_a_car("--yes", stdin=io.StringIO())
     lines = done.out.splitlines()
     assert len(lines) <= 24
-    assert lines[-1] == "excluded samples: 5"
+    assert lines[0].startswith("measured: steering map of dart-01")
+    assert "excluded samples: 5" in lines[:6]
     assert done.err.splitlines()[-1] == "nothing written: because"
-    grouped = next(i for i, line in enumerate(lines) if "grouped" in line)
-    assert grouped < next(i for i, line in enumerate(lines) if "five-parameter" in line)
-    assert not any("a.csv: long" in line for line in lines)
+    assert "1 notice (--full)" in done.err
+    assert "grouped" not in done.out + done.err
+    full = on_a_car("--yes", "--full", stdin=io.StringIO()).err
+    assert "notice: grouped" in full
+    assert "a.csv: long" not in full
 
 
 def test_json_keeps_every_row_and_note(on_a_car):

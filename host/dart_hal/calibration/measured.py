@@ -20,7 +20,8 @@ from dart_hal.core.config import (
     save_calibration,
 )
 from dart_hal.core.config.quantity import Quantities
-from dart_hal.core.types import INTERVAL_90
+from dart_hal.core.rounding import format_interval
+from dart_hal.core.types import INTERVAL_90, FloatArray
 
 from .result import Result, Summary, indent, number
 
@@ -42,12 +43,31 @@ QUANTITY_UNITS = {
 
 
 @dataclass(frozen=True, slots=True)
+class Graph:
+    """Measurements with the fit and its 90 % interval, for a page.
+
+    x, y (n,): points. fit_x, fit_y, half (k,): curve and half-width of its interval.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    x: FloatArray
+    y: FloatArray
+    fit_x: FloatArray
+    fit_y: FloatArray
+    half: FloatArray
+    points_name: str = "measured"
+    curve_name: str = "fit, 90 % interval"
+
+
+@dataclass(frozen=True, slots=True)
 class Measured:
     """Result of one procedure on one car; not written while ``written`` is None.
 
     verb: as in ``calibrate VERB``. quantities: by their names in calibration.toml. residual: a
     sentence on how well the measurements agree. duration [s] of car time. others: values that are
-    not quantities, by their names in calibration.toml.
+    not quantities, by their names in calibration.toml. graph: data and fit, for the page.
     """
 
     car: str
@@ -59,6 +79,7 @@ class Measured:
     notes: tuple[str, ...] = ()
     written: str | None = None
     others: Mapping[str, str | DriveTable] = field(default_factory=dict)
+    graph: Graph | None = field(default=None, repr=False, compare=False)
 
     @property
     def unwritten(self) -> str:
@@ -82,20 +103,22 @@ class Measured:
         rows: list[tuple[str, ...]] = []
         for name, q in self.quantities.items():
             if isinstance(q, Quantity):
-                unit = "" if QUANTITY_UNITS[name] == "-" else f" {QUANTITY_UNITS[name]}"
-                half = INTERVAL_90 * q.std
-                rows.append((name, f"{q.value:.6g}{unit}", f"{q.std:.2g}{unit}",
-                             f"{q.value - half:.6g} to {q.value + half:.6g}"))
+                unit = unit_of(name)
+                value, std, low_end, high_end = format_interval(q.value, q.std, INTERVAL_90 * q.std)
+                rows.append((name, f"{value}{unit}", f"{std}{unit}",
+                             f"{low_end} to {high_end}{unit}"))
             else:
                 low, high = min(q.value), max(q.value)
-                rows.append((name, f"{len(q.value)} from {low:.3f} to {high:.3f}",
+                rows.append((name, f"{len(q.value)} from {low:.3g} to {high:.3g}",
                              "per value (--json)", ""))
         for name, other in self.others.items():
             if isinstance(other, DriveTable):
                 points = zip(other.speed, other.pulse_us, other.std_us, strict=True)
-                rows += [(f"{name} at {speed:.2f} m/s", f"{pulse:.2f} us", f"{std:.2g} us",
-                          f"{pulse - INTERVAL_90 * std:.2f} to {pulse + INTERVAL_90 * std:.2f}")
-                         for speed, pulse, std in points]
+                for speed, pulse, pulse_std in points:
+                    value, std, low_end, high_end = format_interval(pulse, pulse_std,
+                                                                    INTERVAL_90 * pulse_std)
+                    rows.append((f"{name} at {speed:.2f} m/s", f"{value} us", f"{std} us",
+                                 f"{low_end} to {high_end} us"))
             else:
                 rows.append((name, other.replace("_", " "), "", ""))
         return Summary(f"{self.verb} of {self.car}",
@@ -117,6 +140,12 @@ class Measured:
         """Source, residual and driving time [s]."""
         return {"source": self.source, "residual": self.residual,
                 "duration_s": round(self.duration, 2)}
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a quantity with a space before it; empty for a number without unit."""
+    unit = QUANTITY_UNITS.get(name, "-")
+    return "" if unit == "-" else f" {unit}"
 
 
 def write(files: CarFiles, result: R) -> R:

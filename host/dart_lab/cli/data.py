@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.options import full_option, html_option, json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar
 from dart_hal.cli.common.outputs import OutputFile, PlotFileOrFolder
 from dart_hal.cli.common.sizes import load_named_car, recorded_car_options
@@ -15,6 +17,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.recording.check import RecordingCheck, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
+from dart_lab.pages.check_page import write_page
 from dart_lab.pages.data_show import show_checks, show_fetch, show_repair
 
 
@@ -28,11 +31,12 @@ def command() -> None:
 @click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="DIR|FILE",
               help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
               "of one recording, or of several at a glance")
-@click.option("--full", is_flag=True, help="list every finding of every file")
+@html_option
+@full_option
 @recorded_car_options
 @json_option
-def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_name: str | None,
-                  cars: Path | None, as_json: bool) -> int:
+def check_command(files: tuple[Path, ...], plot: Path | None, html: Path | None, full: bool,
+                  car_name: str | None, cars: Path | None, as_json: bool) -> int:
     """List what is in recordings, what was dropped and why, and what each is good for.
 
     FILES are DART CSV files, runs (.mcap) or folders, also of the data folder ($DART_DATA, else
@@ -56,14 +60,20 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
             bar.advance(task)
     pictures = _plot(checks, plot) if plot is not None else []
     whole = summary(checks)
+    answer = {"files": [c.to_json() for c in checks],
+              "skipped": [{"path": p, "reason": why} for p, why in skipped],
+              "summary": whole.to_json(), "plots": pictures}
+    if html is not None:
+        write_page(checks, skipped, whole, html, command=shlex.join(["dart-hal", *sys.argv[1:]]),
+                   answer=answer)
     if as_json:
-        print_json({"files": [c.to_json() for c in checks],
-                    "skipped": [{"path": p, "reason": why} for p, why in skipped],
-                    "summary": whole.to_json(), "plots": pictures})
+        print_json(answer)
     else:
         show_checks(checks, skipped, whole, full)
         if pictures:
             console.print(f"{len(pictures)} picture(s): {pictures[-1]}", markup=False)
+        if html is not None:
+            console.print(f"report: {html}", markup=False, highlight=False)
     return 0 if any(c.good_for for c in checks) else 1
 
 

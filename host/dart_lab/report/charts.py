@@ -68,6 +68,47 @@ def draw_bars(name: str, x_label: str, rows: Sequence[tuple[str, float, str]]) -
     return svg.picture(name, parts, height=height)
 
 
+@dataclass(frozen=True, slots=True)
+class IntervalRow:
+    """One value with the half-width of its interval; before: an earlier value, NaN for none."""
+
+    name: str
+    value: float
+    half: float
+    before: float
+    words: str
+
+
+def draw_intervals(name: str, x_label: str, rows: Sequence[IntervalRow]) -> Html:
+    """Draw values of any units with their intervals, one row each.
+
+    Each row is divided by the far end of its interval, so that a width is relative to its value.
+    """
+    # The name and the number are in a line of text above the bar: a phone has no margin for them.
+    row_height = 2.0 * ROW_HEIGHT
+    height = svg.TOP_MARGIN + row_height * len(rows) + svg.BOTTOM_MARGIN
+    scales = [abs(row.value) + row.half or 1.0 for row in rows]
+    low = min((row.value - row.half) / scale for row, scale in zip(rows, scales, strict=True))
+    frame = svg.ChartFrame((min(1.1 * low, 0.0), 1.06), (0.0, 1.0), height=height, left=10.0)
+    parts = frame.x_axis(x_label)
+    for i, (row, scale) in enumerate(zip(rows, scales, strict=True)):
+        y = svg.TOP_MARGIN + i * row_height + 24.0
+
+        def to_x(value: float, scale: float = scale) -> float:
+            return frame.to_pixels(value / scale, 0.0)[0]
+
+        parts += [svg.text(frame.left, y - 10, row.name),
+                  svg.text(frame.width - svg.RIGHT_MARGIN, y - 10, row.words, "end"),
+                  svg.line((frame.left, y), (frame.width - svg.RIGHT_MARGIN, y), "grid"),
+                  svg.line((to_x(row.value - row.half), y), (to_x(row.value + row.half), y),
+                           "after line")]
+        # An earlier value beyond the axis is only in the table.
+        if frame.x[0] <= row.before / scale <= frame.x[1]:
+            parts.append(svg.mark(to_x(row.before), y, "before"))
+        parts.append(svg.mark(to_x(row.value), y, "after"))
+    return svg.picture(name, parts, height=height)
+
+
 def draw_paths(name: str, x_label: str, y_label: str, lines: Sequence[tuple[FloatArray, str]],
                mark_spacing: int) -> Html:
     """Draw paths (2, n), each with its style, on equal axes.

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 # Elements without an end tag.
-VOID = frozenset({"br", "hr", "img", "meta"})
+VOID = frozenset({"br", "hr", "img", "meta", "wbr"})
 # Characters up to which a table cell is kept on one line.
 MAX_UNBROKEN_CELL = 24
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from dart_hal.core.rounding import with_error as with_error
+
 # Smaller p-values are printed as "p < 0.0001": the tail of a simulated null distribution is not
 # known better.
 MIN_P_VALUE = 1e-4
@@ -15,19 +17,6 @@ def significant(value: float | None, digits: int = 3) -> str:
     if value is None or not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
-
-
-def with_error(value: float, std: float) -> str:
-    """Format "value +- std": the error with two digits, the value to the same place."""
-    if not math.isfinite(std):
-        return f"{value:.5g} +- unknown"
-    if not 1e-9 < std < 1e6:
-        return f"{value:.5g} +- {std:.2g}"
-    # Decimal place of the second digit of the error, after it is rounded: 0.0996 becomes 0.10.
-    place = 1 - math.floor(math.log10(float(f"{std:.1e}")))
-    value = round(value, place) + 0.0  # + 0.0 turns -0.0 into 0.0
-    std = round(std, place)
-    return f"{value:.{max(place, 0)}f} +- {std:.{max(place, 0)}f}"
 
 
 def percent(share: float) -> str:

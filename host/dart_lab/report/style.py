@@ -62,7 +62,7 @@ th { border-bottom: 1px solid var(--soft) } td { border-bottom: 1px solid var(--
 .l { overflow-wrap: anywhere; min-width: 14ch }
 table.bars { width: 100%; table-layout: fixed; margin: .8rem 0 } .bars th { font-weight: 400;
   border: 0; line-height: 1.25; padding-right: .6rem } .bars td { border: 0; line-height: 1.1 }
-.bars thead th:first-child { width: 18% }
+.bars thead th:first-child { width: max(18%, 5.8rem) }
 .bars thead th { vertical-align: bottom; font-weight: 600 } .bars svg { height: 8px }
 .bars rect, .bars line { vector-effect: non-scaling-stroke }
 @media (max-width: 40rem) { .bars { font-size: .72rem } .bars thead th { font-size: .66rem }

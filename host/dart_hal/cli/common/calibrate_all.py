@@ -18,7 +18,7 @@ from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.common.options import FiniteNumber, lidar_option, map_option
 from dart_hal.cli.common.output import console, print_json, results, show_notices
-from dart_hal.cli.common.procedures import may_write, measuring, run, show
+from dart_hal.cli.common.procedures import load_page, may_write, measuring, run, show
 from dart_hal.cli.common.session import load_map
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
@@ -38,14 +38,17 @@ from dart_hal.estimation.localisation.field import Map
 @lidar_option
 @click.option("--again", is_flag=True, help="measure also what was measured in the last 12 hours")
 def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
-               floor: tuple[float, float] | None, skip: tuple[str, ...], chart: Path | None,
-               lidar: str | None, again: bool, as_json: bool) -> None:
+               html: Path | None, full: bool, floor: tuple[float, float] | None,
+               skip: tuple[str, ...], chart: Path | None, lidar: str | None, again: bool,
+               as_json: bool) -> None:
     """Every procedure, in the order in which each needs the others.
 
     Each result is saved before the next procedure starts. If interrupted, run the command again: it
     resumes. The lidar, if there is one, is measured in --map.
     """
     url = url or DEFAULT_URL
+    # The page needs the laboratory: its absence is reported before the car moves.
+    write_page = load_page(html)
     found: dict[str, Result] = {}
     with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
         # 1. What this car can measure, and what of it is due. Steps that the floor is too small for
@@ -57,9 +60,10 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
         for step in left:
             # 2. One step after the other, each with a new connection to the car: it then reads the
             #    calibration that the step before has written.
-            result = _measure_step(step, url, car_name, home, yes, dry_run, as_json, lidar)
+            result = _measure_step(step, url, car_name, home, yes, dry_run, as_json, lidar, full)
             if result is not None:
                 found[step.verb] = result
+    write_page(tuple(found.values()), files)
     if as_json:
         print_json({"car": files.config.name, "steps": order.to_json(steps, left),
                     "found": {verb: result.to_json() for verb, result in found.items()},
@@ -103,7 +107,8 @@ def announce(steps: Sequence[order.ProcedureStep], left: Sequence[order.Procedur
 
 
 def _measure_step(step: order.ProcedureStep, url: str, car_name: str, home: Path, yes: bool,
-                  dry_run: bool, as_json: bool, lidar: str | None) -> Result | None:
+                  dry_run: bool, as_json: bool, lidar: str | None, full: bool
+                  ) -> Result | None:
     """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
     backend = open_backend(url)
     simulated = backend.workshop is not None
@@ -119,7 +124,7 @@ def _measure_step(step: order.ProcedureStep, url: str, car_name: str, home: Path
         show_notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))
         return None
     if not as_json:
-        show(found)
+        show(found, full)
     if not (dry_run or may_write(files, yes, simulated)):
         raise CalibrationFailed(f"{step.verb} is not to be written, and what follows needs it",
                                 remedy=f"dart-hal calibrate all --skip {step.verb}")

@@ -122,6 +122,12 @@ def html_option(command: CommandT) -> CommandT:
                         help="write the report: one page with every figure")(command)
 
 
+def full_option(command: CommandT) -> CommandT:
+    """Add ``--full``: every table and notice; without it, notices are counted."""
+    return click.option("--full", is_flag=True, help="print every sentence, table and notice"
+                        )(command)
+
+
 class FiniteNumber(click.FloatRange):
     """A finite number within bounds; click's own range lets NaN pass."""
 

@@ -3,36 +3,52 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import shlex
+import sys
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.table import Table
-from rich.text import Text
 
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.procedure import Option, Procedure
 from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
+from dart_hal.car.viewers import VIEWER_GROUP
 from dart_hal.cli.common.bench import TerminalOperator, confirm
 from dart_hal.cli.common.options import (
     CommandT,
     FiniteNumber,
     PathsOption,
     car_options,
+    full_option,
+    html_option,
     json_option,
     lidar_option,
     map_option,
 )
-from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
+from dart_hal.cli.common.output import (
+    console,
+    count_notices,
+    print_json,
+    print_line,
+    progress_bar,
+    results,
+    show_notices,
+)
 from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import load_map
 from dart_hal.core.config import CarFiles, check_writable
+from dart_hal.core.plugins import load_plugin
 from dart_hal.core.ports import Workshop
 from dart_hal.devices.links.base import Backend, open_backend
+
+# Viewer that writes the page of results; the laboratory offers it.
+PAGE_VIEWER = "calibration"
 
 
 def measuring(command: CommandT, confirm: bool = True) -> CommandT:
@@ -43,15 +59,18 @@ def measuring(command: CommandT, confirm: bool = True) -> CommandT:
     command = click.option("--dry-run", is_flag=True,
                            help="measure and show, write nothing")(command)
     command = click.option("--yes", is_flag=True, help=text)(command)
-    return car_options(json_option(command))
+    return car_options(html_option(full_option(json_option(command))))
 
 
 def command_of(procedure: Procedure[Any]) -> click.Command:
     """Make the command ``dart-hal calibrate NAME`` of a procedure."""
     def calibrate(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
-                  as_json: bool, recordings: tuple[Path, ...] = (), plot: Path | None = None,
+                  html: Path | None, full: bool, as_json: bool,
+                  recordings: tuple[Path, ...] = (), plot: Path | None = None,
                   chart: Path | None = None, lidar: str | None = None, **options: Any) -> None:
         procedure.check(**options)
+        # The page needs the laboratory: its absence is reported before the car moves.
+        write_page = load_page(html)
         found: Result
         files: CarFiles | None = None
         if recordings and procedure.fit is not None:
@@ -67,9 +86,10 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
             procedure.plot(found, files, plot)
             console.print(f"picture: {plot}")
         if not as_json:
-            show(found)
+            show(found, full)
         # 3. Written after the user has seen the table. Results of recordings have no car to write
         #    to.
+        write_page([found], files)
         if files is not None and not dry_run and not found.unwritten and (
                 not procedure.confirm or may_write(files, yes, backend.workshop is not None)):
             found = write(files, found)
@@ -103,6 +123,24 @@ def _click_option(option: Option) -> Callable[[CommandT], CommandT]:
     return click.option(f"--{option.name.replace('_', '-')}", type=kind, default=option.default,
                         nargs=numbers, show_default=option.default is not None,
                         metavar=option.metavar, help=option.help)
+
+
+def load_page(path: Path | None) -> Callable[[Sequence[Result], CarFiles | None], None]:
+    """Return the function that writes the page of results; it does nothing for no path.
+
+    Raises UsageError if no installed package can write the page.
+    """
+    if path is None:
+        return lambda found, files: None
+    writer = load_plugin(VIEWER_GROUP, PAGE_VIEWER)
+
+    def write_page(found: Sequence[Result], files: CarFiles | None) -> None:
+        before = None if files is None else files.calibration
+        writer(found, path=path, files=files, before=before,
+               command=shlex.join(["dart-hal", *sys.argv[1:]]))
+        console.print(f"report: {path}", markup=False, highlight=False)
+
+    return write_page
 
 
 def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars: Path | None,
@@ -149,17 +187,25 @@ def _confirm(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
     return confirm(question, yes, prompt)
 
 
-def show(result: Result) -> None:
-    """Print the table of a result and its lines: notes are dim, cautions yellow."""
+def show(result: Result, full: bool = False) -> None:
+    """Print what was measured and how well it agrees, then the table, then the notes.
+
+    Cautions are always printed, other notes are counted unless ``full``.
+    """
     summary = result.summary()
-    table = Table(title=Text(summary.title))
+    print_line(f"measured: {summary.title}", "bold")
+    # Indented lines are notes; those that begin with "caution:" are warnings.
+    notes = [line.strip() for line in summary.lines if line.startswith("  ")]
+    cautions = [note for note in notes if note.startswith("caution:")]
+    for line in summary.lines:
+        if not line.startswith("  "):
+            print_line(line)
+    for caution in cautions:
+        print_line(caution, "yellow")
+    table = Table()
     for k, column in enumerate(summary.columns):
         table.add_column(column, justify="right" if k else "left")
     for row in summary.rows:
         table.add_row(*row)
     results.print(table)
-    for line in summary.lines:
-        # Indented lines are notes; those that begin with "caution:" are warnings.
-        note = line.startswith("  ")
-        style = None if not note else "yellow" if line.startswith("  caution:") else "dim"
-        results.print(line, style=style, markup=False, highlight=False)
+    count_notices(tuple(note for note in notes if note not in cautions), full)

@@ -1,0 +1,226 @@
+"""HTML page of ``dart-hal calibrate --html``: the data with their fit, then one line per value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.calibration.measured import Graph, Measured, unit_of
+from dart_hal.calibration.plot import model_pulses
+from dart_hal.calibration.result import Result, SteeringResult
+from dart_hal.core.config import Calibration, CarFiles, DriveTable, Quantity
+from dart_hal.core.types import INTERVAL_90
+from dart_lab.pages.report_page import MIN_CHANGE_Z
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import significant, with_error
+
+# Points of a curve: about the width of the picture in pixels.
+MAX_POINTS = 400
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredValue:
+    """One measured value; before: the value and standard error that it replaces, NaN for none."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    before: float = math.nan
+    before_std: float = math.nan
+
+    def verdict(self) -> str:
+        """State whether the value is new, as before or changed."""
+        if not math.isfinite(self.before):
+            return "new"
+        z = abs(self.value - self.before) / (math.hypot(self.std, self.before_std) or math.inf)
+        if z <= MIN_CHANGE_Z:
+            return "as before"
+        return f"changed by {significant(self.value - self.before)}{self.unit}"
+
+    def measured(self) -> str:
+        """Return the value with the half-width of its 90 % interval and its unit."""
+        return f"{with_error(self.value, INTERVAL_90 * self.std)}{self.unit}"
+
+
+def write_page(found: Sequence[Result], *, path: Path, files: CarFiles | None,
+               before: Calibration | None, command: str) -> Path:
+    """Write the page of one or more results.
+
+    files: of the car; None for results of recordings. before: calibration that the results
+    replace. Errors: OSError.
+    """
+    values = [value for result in found for value in list_values(result, before)]
+    # The steering map is the picture of a whole calibration.
+    shown = sorted(found, key=lambda result: not isinstance(result, SteeringResult))
+    graphs = [picture for result in shown if (picture := _draw_data(result, files))]
+    first = graphs[0] if graphs else _draw_values(values)
+    car = files.config.name if files else str(getattr(found[0], "car", "")) if found else ""
+    sections = {
+        "values": ("Values", table(("value", "measured, 90 % interval", "verdict"),
+                                   [(_breakable(v.name), v.measured(), v.verdict())
+                                    for v in values], 1)),
+        "details": ("Details", join([
+            *(page.foldable(f"Data of {result.verb}", _details(result)) for result in found),
+            *(page.foldable("Data and fit", picture) for picture in graphs[1:]),
+            *([page.foldable("All values and their intervals", _draw_values(values))]
+              if graphs and values else [])])),
+        "made": ("How this was made", join([
+            el("p", el("code", command)),
+            page.download({result.verb: result.to_json() for result in found},
+                          "calibration.json")]))}
+    top = el("div", el("div", first), _verdict(found, values), class_="pair")
+    return page.write(path, page.page(f"calibration of {car}", f"Calibration of {car}", top,
+                                      sections))
+
+
+def _verdict(found: Sequence[Result], values: Sequence[MeasuredValue]) -> Html:
+    """Return the box: what was measured, what changed, what needs attention."""
+    changed = [v.name for v in values if v.verdict().startswith("changed")]
+    lead = (f"{', '.join(result.verb for result in found) or 'Nothing'}: {len(values)} "
+            f"value{'' if len(values) == 1 else 's'} measured.")
+    lines = [line for result in found for line in result.summary().lines]
+    cautions = [line.strip() for line in lines if line.startswith("  caution:")]
+    fits = [line for line in lines if not line.startswith("  ")]
+    return page.card(
+        el("p", lead, class_="big"),
+        page.text(f"Changed beyond {MIN_CHANGE_Z:.0f} standard errors: {', '.join(changed)}."
+                  if changed else ""),
+        page.notices(cautions), page.items(fits if len(found) == 1 else ()),
+        good=bool(found) and not cautions)
+
+
+def _breakable(name: str) -> Html:
+    """Return the name of a value that may break after its table, for a phone."""
+    group, dot, key = name.rpartition(".")
+    return join([group + dot, el("wbr"), key])
+
+
+def list_values(result: Result, before: Calibration | None) -> list[MeasuredValue]:
+    """Return the single values of a result, and the ends of a steering map."""
+    if isinstance(result, SteeringResult):
+        return _steering_values(result, before)
+    if not isinstance(result, Measured):
+        # A procedure of another package: its own table is under the details.
+        return []
+    old = before.quantities() if before is not None else {}
+    out = []
+    for name, q in result.quantities.items():
+        if isinstance(q, Quantity):
+            past = old.get(name)
+            known: tuple[float, ...] = ((past.value, past.std) if isinstance(past, Quantity)
+                                        else ())
+            out.append(MeasuredValue(name, q.value, q.std, unit_of(name), *known))
+    for name, drive in result.others.items():
+        if isinstance(drive, DriveTable):
+            past_drive = before.throttle.drive if before is not None else None
+            for speed, pulse, std in zip(drive.speed, drive.pulse_us, drive.std_us, strict=True):
+                known = () if past_drive is None else (
+                    float(np.interp(speed, past_drive.speed, past_drive.pulse_us)),
+                    float(np.interp(speed, past_drive.speed, past_drive.std_us)))
+                out.append(MeasuredValue(f"{name} at {speed:.2f} m/s", pulse, std, " us", *known))
+    return out
+
+
+def _steering_values(result: SteeringResult, before: Calibration | None) -> list[MeasuredValue]:
+    """Return the angles at full right, straight and full left, and the backlash."""
+    past = before.steering if before is not None else None
+    out = []
+    for words, i in (("full right", 0), ("command 0", int(np.argmin(np.abs(result.command)))),
+                     ("full left", len(result.command) - 1)):
+        known: tuple[float, ...] = ()
+        if past is not None and past.map is not None and result.pulse_us is not None:
+            pulse = float(result.pulse_us[i])
+            known = (float(np.interp(pulse, past.map.pulse_us, past.map.angle_rad)),
+                     float(np.interp(pulse, past.map.pulse_us, past.map.std_rad)))
+        out.append(MeasuredValue(f"angle at {words}", float(result.angle[i]),
+                                 float(result.angle_std[i]), " rad", *known))
+    if result.backlash is not None:
+        known = ((past.backlash.value, past.backlash.std)
+                 if past is not None and past.backlash is not None else ())
+        out.append(MeasuredValue("backlash", result.backlash.value, result.backlash.std, " rad",
+                                 *known))
+    return out
+
+
+def _details(result: Result) -> Html:
+    """Return the table of the terminal and all notes."""
+    summary = result.summary()
+    return join([table(summary.columns, summary.rows, 1, summary.title),
+                 page.items(line.strip() for line in summary.lines)])
+
+
+def _draw_values(values: Sequence[MeasuredValue]) -> Html:
+    """Draw every value with its interval, and the value before."""
+    if not values:
+        return Html()
+    rows = [charts.IntervalRow(v.name, v.value, INTERVAL_90 * v.std, v.before, v.measured())
+            for v in values]
+    entries = [("after", "measured, 90 % interval")]
+    if any(math.isfinite(v.before) for v in values):
+        entries.append(("before", "before"))
+    return join([svg.legend(entries), page.figure(
+        "What was measured; the wider a line, the less is known", charts.draw_intervals(
+            "values with intervals", "relative to the far end of the interval", rows))])
+
+
+def _draw_data(result: Result, files: CarFiles | None) -> Html:
+    """Draw measurements, fit and interval; empty for a result without them."""
+    if isinstance(result, SteeringResult):
+        return _draw_steering(result)
+    graph = getattr(result, "graph", None) or _throttle_graph(result, files)
+    if graph is None:
+        return Html()
+    return _draw_graph(graph)
+
+
+def _draw_graph(graph: Graph) -> Html:
+    nothing = np.full(len(graph.x), math.nan)
+    return join([svg.legend([("before", graph.points_name), ("after", graph.curve_name)]),
+                 page.figure(graph.title, charts.draw_lines(
+                     graph.title, graph.x_label, graph.y_label,
+                     [charts.Series(graph.fit_x, graph.fit_y, graph.half, "after", marked=False),
+                      charts.Series(graph.x, graph.y, nothing, "before", joined=False)]))])
+
+
+def _throttle_graph(result: Result, files: CarFiles | None) -> Graph | None:
+    """Return the pulses that keep a speed, next to those of the model; None for other results."""
+    drive = getattr(result, "others", {}).get("throttle.drive")
+    if not isinstance(drive, DriveTable) or files is None:
+        return None
+    speed = np.array(drive.speed)
+    pulse = np.array(drive.pulse_us) - files.neutral_us
+    return Graph("Pulse that keeps a speed", "speed [m/s]", "pulse - neutral [us]",
+                 speed, model_pulses(files, speed) - files.neutral_us,
+                 speed, pulse, INTERVAL_90 * np.array(drive.std_us),
+                 points_name="model", curve_name="measured, 90 % interval")
+
+
+def _draw_steering(result: SteeringResult) -> Html:
+    """Draw the samples and the map with its 90 % interval."""
+    series = []
+    entries = []
+    if result.samples is not None:
+        command, angle, direction = result.samples
+        step = -(-len(command) // MAX_POINTS)
+        for side, style, words in ((1.0, "before", "reached from the right"),
+                                   (-1.0, "refit", "reached from the left"),
+                                   (0.0, "other", "first of a run")):
+            rows = np.flatnonzero(direction == side)[::step]
+            if len(rows):
+                entries.append((style, words))
+                series.append(charts.Series(command[rows], np.degrees(angle[rows]),
+                                            np.full(len(rows), math.nan), style, joined=False))
+    half = np.degrees(INTERVAL_90 * result.angle_std)
+    series.insert(0, charts.Series(result.command, np.degrees(result.angle), half, "after",
+                                   marked=False))
+    return join([svg.legend([*entries, ("after", "map, 90 % interval")]),
+                 page.figure("Steering map over the measurements", charts.draw_lines(
+                     "steering map", "steering command, +1 = full left",
+                     "road-wheel angle [deg]", series))])
+
