@@ -211,7 +211,7 @@ def pad(tmp_path, clock):
 
 def test_without_the_dead_man_there_is_no_throttle(pad):
     layout = GamepadLayout()
-    pad.send(axis(layout.throttle, -1.0), axis(layout.steering, -0.5))
+    pad.send(axis(layout.forward.number, -1.0), axis(layout.left.number, -0.5))
     steering, throttle, ended = pad.read()
     assert steering == pytest.approx(0.5, abs=1e-3)
     assert (throttle, ended) == (0.0, False)
@@ -222,13 +222,15 @@ def test_without_the_dead_man_there_is_no_throttle(pad):
 
 
 def test_sticks_that_rest_off_the_centre_are_zero(pad):
-    pad.send(button(GamepadLayout().dead_man), axis(GamepadLayout().throttle, 0.04), axis(0, -0.04))
+    layout = GamepadLayout()
+    pad.send(button(layout.dead_man), axis(layout.forward.number, 0.04), axis(0, -0.04))
     assert pad.read() == (0.0, 0.0, False)
 
 
 def test_the_first_events_carry_the_init_bit(pad):
     layout = GamepadLayout()
-    pad.send(EVENT.pack(0, FULL_SCALE, 0x82, layout.steering), EVENT.pack(0, 1, 0x81, layout.stop))
+    steering = EVENT.pack(0, FULL_SCALE, 0x82, layout.left.number)
+    pad.send(steering, EVENT.pack(0, 1, 0x81, layout.stop))
     assert pad.read() == (-1.0, 0.0, True)
 
 
@@ -251,7 +253,7 @@ def test_no_gamepad_names_what_to_type(tmp_path):
 
 
 BUMPER = button(GamepadLayout().dead_man)
-STICK = axis(GamepadLayout().throttle, -1.0)
+STICK = axis(GamepadLayout().forward.number, -1.0)
 RELEASED = button(GamepadLayout().dead_man, down=False)
 OTHER_STICK = axis(2, 0.5)
 ORDERS = {"bumper, stick": [BUMPER, STICK], "stick, bumper": [STICK, BUMPER],
@@ -279,7 +281,7 @@ def test_a_silent_gamepad_is_neutral_within_a_second(pad, clock, events):
     assert all(throttle == 1.0 for t, throttle in found if t < MAX_UNCHANGED_S)
     assert all(throttle == 0.0 for t, throttle in found if t > MAX_UNCHANGED_S + 0.021)
     assert "no event from the gamepad for 0.95 s" in pad.notice
-    pad.send(axis(GamepadLayout().throttle, -0.5))
+    pad.send(axis(GamepadLayout().forward.number, -0.5))
     assert pad.read()[1] == 0.0, "the stick alone is not enough"
     pad.send(RELEASED)
     assert (pad.read()[1], pad.notice) == (0.0, "")

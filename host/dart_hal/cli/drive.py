@@ -32,12 +32,15 @@ from dart_hal.cli.common.session import (
     with_progress,
 )
 from dart_hal.cli.common.summary import RunSummary
-from dart_hal.control.gamepad import Gamepad, Manual
+from dart_hal.control.gamepad import JOYSTICK, Gamepad, Manual
+from dart_hal.control.gamepad_map import ask_layout, open_gamepad, save_layout
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.core.errors import DartHalError, ScriptFailed, UsageError
 from dart_hal.core.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
+GAMEPAD_HELP = ("gamepad; hold the right bumper to drive. Its layout: that of --map, else that of "
+                "SDL's database (extra gamepad), else Xbox-like at /dev/input/js0")
 KEYBOARD_HELP = "arrows or WASD steer and drive, space stops, q ends; release the keys to stop"
 
 
@@ -45,8 +48,9 @@ KEYBOARD_HELP = "arrows or WASD steer and drive, space stops, q ends; release th
 @car_options
 @click.argument("script", required=False, type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--keyboard", is_flag=True, help="arrow keys or WASD of this terminal")
-@click.option("--gamepad", is_flag=True, help="gamepad at /dev/input/js0; hold the right bumper "
-                                              "to drive")
+@click.option("--gamepad", is_flag=True, help=GAMEPAD_HELP)
+@click.option("--map", "ask", is_flag=True,
+              help="with --gamepad: ask for each control of the pad, save its layout and end")
 @click.option("--duration", type=FiniteNumber(min=0.1), default=None,
               help="seconds of car time (default: 10 for a script, else no limit)")
 @click.option("--max-throttle", type=FiniteNumber(0.0, 1.0), default=0.35, show_default=True,
@@ -60,7 +64,7 @@ KEYBOARD_HELP = "arrows or WASD steer and drive, space stops, q ends; release th
 @foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
-            keyboard: bool, gamepad: bool, duration: float | None, max_throttle: float,
+            keyboard: bool, gamepad: bool, ask: bool, duration: float | None, max_throttle: float,
             waive: tuple[str, ...], record: Path | None, poses: str | None, foxglove: bool,
             port: int, view: bool, as_json: bool) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
@@ -68,8 +72,11 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
         raise UsageError("exactly one way to drive is required",
                          expected="one of --keyboard, --gamepad, SCRIPT.py",
                          remedy="dart-hal drive --keyboard")
+    if ask:
+        map_gamepad(gamepad, as_json)
+        return
     control = load_control(script) if script else None
-    manual = Gamepad() if gamepad else Keyboard() if keyboard else None
+    manual = open_gamepad() if gamepad else Keyboard() if keyboard else None
     with (closing(manual) if manual else nullcontext(),
           open_car(real_time_url(url) if view else url, car_name, cars, record, poses) as car,
           car.view() if view else nullcontext() as page):
@@ -93,6 +100,19 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
     else:
         results.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s"
                       + (f", recorded in {record}" if record else ""), markup=False)
+
+
+def map_gamepad(gamepad: bool, as_json: bool) -> None:
+    """Ask for the controls of the gamepad and save its layout. Raises UsageError, PortMissing."""
+    if not gamepad:
+        raise UsageError("--map asks for the controls of a gamepad", found="--map",
+                         expected="--gamepad --map")
+    layout, name = ask_layout(JOYSTICK, lambda text: console.print(text, markup=False))
+    path = save_layout(layout, name)
+    if as_json:
+        print_json({"gamepad": name, "layout": path})
+    else:
+        results.print(f"{name}: {path}", markup=False, soft_wrap=True)
 
 
 def load_control(path: Path) -> Control:
@@ -172,8 +192,9 @@ def run_manual(car: Car, source: Manual, max_throttle: float, duration: float) -
     """
     # Full deflection of a key or a stick, in the units of ``Car.drive``.
     lock = car.files.config.limits.max_steering
-    name = type(source).__name__.lower()
-    console.print(KEYBOARD_HELP if name == "keyboard" else "hold the right bumper to drive, B ends")
+    name = "gamepad" if isinstance(source, Gamepad) else "keyboard"
+    console.print(KEYBOARD_HELP if name == "keyboard" else
+                  "hold the right bumper to drive, B ends (or the buttons of --map)")
     notice = ""
     for n, state in enumerate(limit_to_real_time(car.states(duration=duration))):
         steering, throttle, ended = source.read()

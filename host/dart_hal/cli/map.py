@@ -24,7 +24,7 @@ from dart_hal.cli.common.outputs import OutputFile, PlotFile
 from dart_hal.cli.common.session import check_drives_by_lidar, open_car
 from dart_hal.cli.drive import run_manual
 from dart_hal.cli.lane import drive as drive_along
-from dart_hal.control.gamepad import Gamepad
+from dart_hal.control.gamepad_map import open_gamepad
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.control.lane_follow import WallFollower
 from dart_hal.control.plant import plant_of
@@ -47,8 +47,7 @@ from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
 @click.option("--speed", type=FiniteNumber(0.1, 3.0), default=None,
               help="drive along the walls automatically, m/s; keys + and - change it, q ends")
 @click.option("--keyboard", is_flag=True, help="drive with the arrow keys or WASD of this terminal")
-@click.option("--gamepad", is_flag=True, help="drive with the gamepad at /dev/input/js0; hold the "
-                                              "right bumper")
+@click.option("--gamepad", is_flag=True, help="drive with the gamepad; hold the right bumper")
 @click.option("--side", type=click.Choice(["left", "right"]), default="right", show_default=True,
               help="side of the car on which the wall is")
 @click.option("--gap", type=FiniteNumber(0.3, 3.0), default=0.6, show_default=True,
@@ -88,7 +87,7 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
     if run is None:
         run = record or out.with_suffix(".mcap")
         # 1. Drive, by hand or along the walls; everything is recorded.
-        manual = Keyboard() if keyboard else Gamepad() if gamepad else None
+        manual = Keyboard() if keyboard else open_gamepad() if gamepad else None
         try:
             with open_car(url, car_name, cars, run, lidar=lidar) as car:
                 check_drives_by_lidar(car, "room")

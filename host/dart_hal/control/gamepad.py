@@ -1,7 +1,8 @@
-"""A gamepad read straight from Linux's joystick device.
+"""A gamepad: its events, and when its throttle is refused.
 
-Events are 8 bytes, ``struct js_event``: time u32 [ms], value i16, type u8,
-number u8 (kernel documentation, input/joydev). No library is needed.
+Events are read straight from Linux's joystick device. They are 8 bytes, ``struct js_event``:
+time u32 [ms], value i16, type u8, number u8 (kernel documentation, input/joydev). No library is
+needed. ``sdl_gamepad`` gets its events from SDL and writes them in the same form.
 
 The device reports changes only. A pad whose radio link is lost looks like a stick that is held
 perfectly still, so a throttle without any event for ``MAX_UNCHANGED_S`` is refused: neutral until
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,6 +29,7 @@ BUTTON = 0x01
 AXIS = 0x02
 INIT = 0x80
 FULL_SCALE = 32767
+JOYSTICK = "/dev/input/js0"
 # Worn sticks rest up to 5 % off the centre.
 DEAD_ZONE = 0.05
 PRESS_AGAIN = "release the right bumper and press it again"
@@ -47,17 +49,58 @@ class Manual(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class AxisTravel:
+    """One direction of an axis: its number, and its values at rest and at the end, -1..1."""
+
+    number: int
+    rest: float
+    end: float
+
+    def deflection(self, value: float) -> float:
+        """Return 0 at rest and 1 at the end, negative in the opposite direction."""
+        share = (value - self.rest) / (self.end - self.rest)
+        return share if abs(share) > DEAD_ZONE else 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class GamepadLayout:
     """Which axes and buttons are used; the default fits Xbox-like pads.
 
-    steering: left stick, left/right; throttle: right stick, up/down; dead_man
-    must be held (right bumper); stop ends the drive (button B).
+    left: left stick; forward, backward: right stick up and down, or two triggers; dead_man must be
+    held (right bumper); stop ends the drive (button B).
     """
 
-    steering: int = 0
-    throttle: int = 4
+    left: AxisTravel = AxisTravel(0, 0.0, -1.0)
+    forward: AxisTravel = AxisTravel(4, 0.0, -1.0)
+    backward: AxisTravel = AxisTravel(4, 0.0, 1.0)
     dead_man: int = 5
     stop: int = 1
+
+
+def open_joystick(path: str) -> int:
+    """Open a joystick device without blocking; returns its descriptor. Raises PortMissing."""
+    try:
+        return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError as error:
+        raise PortMissing(f"no gamepad at {path}", found=str(error),
+                          likely="not plugged in, or the joydev module is not loaded",
+                          remedy="ls /dev/input/js* ; dart-hal drive --keyboard") from error
+
+
+def read_joystick(fd: int) -> Iterator[bytes]:
+    """Yield the events that a joystick device has sent so far.
+
+    Raises PortMissing when the gamepad is unplugged.
+    """
+    try:
+        while data := os.read(fd, EVENT.size * 64):
+            yield data
+    except BlockingIOError:
+        return
+    except OSError as error:
+        raise PortMissing("the gamepad is gone", found=str(error),
+                          likely="pulled out, or its battery is empty",
+                          remedy="plug it in again") from error
 
 
 class Gamepad:
@@ -66,21 +109,21 @@ class Gamepad:
     Raises PortMissing.
     """
 
-    def __init__(self, path: str = "/dev/input/js0", layout: GamepadLayout | None = None,
+    def __init__(self, path: str = JOYSTICK, layout: GamepadLayout | None = None,
                  clock: Callable[[], float] = elapsed) -> None:
         self._layout = layout or GamepadLayout()
         self._clock = clock
+        # Values of the axes that have reported, -1..1.
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
         self._age = InputAge(MAX_UNCHANGED_S)
         self._read_at = clock()
         self._refused = ""
-        try:
-            self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            raise PortMissing(f"no gamepad at {path}", found=str(error),
-                              likely="not plugged in, or the joydev module is not loaded",
-                              remedy="ls /dev/input/js* ; dart-hal drive --keyboard") from error
+        self._open(path)
+
+    def _open(self, path: str) -> None:
+        """Open the device. Raises PortMissing."""
+        self._fd = open_joystick(path)
 
     @property
     def notice(self) -> str:
@@ -95,20 +138,16 @@ class Gamepad:
         now = self._clock()
         pause = now - self._read_at
         self._read_at = now
-        try:
-            while data := os.read(self._fd, EVENT.size * 64):
-                self.feed(data)
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            raise PortMissing("the gamepad is gone", found=str(error),
-                              likely="pulled out, or its battery is empty",
-                              remedy="plug it in again") from error
+        self._poll()
         if pause > MAX_READ_GAP_S:
             self._refuse(f"the gamepad was not read for {pause:.1f} s (limit {MAX_READ_GAP_S} s)")
-        layout = self._layout
-        steering = -self._axes.get(layout.steering, 0.0)
-        return steering, self._throttle(now), self._buttons.get(layout.stop, False)
+        steering = min(1.0, max(-1.0, self._deflection(self._layout.left)))
+        return steering, self._throttle(now), self._buttons.get(self._layout.stop, False)
+
+    def _poll(self) -> None:
+        """Process the events so far. Raises PortMissing when the gamepad is unplugged."""
+        for data in read_joystick(self._fd):
+            self.feed(data)
 
     def feed(self, data: bytes) -> None:
         """Process whole events; the kernel never splits one, so a torn end is dropped."""
@@ -128,10 +167,17 @@ class Gamepad:
         os.close(self._fd)
 
     def _move(self, number: int, value: int, initial: bool) -> None:
-        if initial and number == self._layout.throttle:
-            value = 0  # before its first report a pad may claim a deflection that nobody commands
-        x = max(-1.0, value / FULL_SCALE)
-        self._axes[number] = x if abs(x) > DEAD_ZONE else 0.0
+        layout = self._layout
+        if initial and number in (layout.forward.number, layout.backward.number):
+            # Before its first report a pad may claim a deflection that nobody commands.
+            self._axes.pop(number, None)
+            return
+        self._axes[number] = max(-1.0, value / FULL_SCALE)
+
+    def _deflection(self, travel: AxisTravel) -> float:
+        """Return the deflection of an axis, 0 before its first report."""
+        value = self._axes.get(travel.number)
+        return 0.0 if value is None else travel.deflection(value)
 
     def _press(self, number: int, pressed: bool, initial: bool) -> None:
         self._buttons[number] = pressed
@@ -146,7 +192,9 @@ class Gamepad:
         """Throttle that may be applied at ``now`` [s]."""
         if not self._buttons.get(self._layout.dead_man, False):
             return 0.0
-        throttle = -self._axes.get(self._layout.throttle, 0.0)
+        forward, backward = (min(1.0, max(0.0, self._deflection(travel)))
+                             for travel in (self._layout.forward, self._layout.backward))
+        throttle = forward - backward
         if throttle != 0.0 and self._age.is_over(now):
             self._refuse(f"no event from the gamepad for {MAX_UNCHANGED_S} s with the stick "
                          "deflected")

@@ -26,8 +26,8 @@ DRIVES_S = 0.6
 SILENT_S = 2.5
 """Time that is watched after it."""
 BUMPER = EVENT.pack(0, 1, 0x01, GamepadLayout().dead_man)
-STICK = EVENT.pack(0, -FULL_SCALE, 0x02, GamepadLayout().throttle)
-JITTER = EVENT.pack(0, -FULL_SCALE + 200, 0x02, GamepadLayout().throttle)
+STICK = EVENT.pack(0, -FULL_SCALE, 0x02, GamepadLayout().forward.number)
+JITTER = EVENT.pack(0, -FULL_SCALE + 200, 0x02, GamepadLayout().forward.number)
 Feed = Callable[[float], bytes]
 """What the device writes at a time [s] since the car was armed."""
 
