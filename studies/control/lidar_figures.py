@@ -116,7 +116,7 @@ class Other:
         self.follower: Follower | None = None
 
     def until(self, t: float) -> None:
-        s = self.follower.tracker.s if self.follower and self.follower.driven.rows else 0.0
+        s = self.follower.tracker.s if self.follower and len(self.follower.driven) else 0.0
         spot = self._path.interpolate(s + 0.5 * self._path.length)
         while self._t < t:
             self._t += 0.005

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dart_hal.cli import follow as verb_module
-from dart_hal.cli.follow import MIN_KEY_SPEED, apply_keys
+from dart_hal.cli.follow import (
+    MIN_KEY_SPEED,
+    apply_keys,
+    are_poses_silent,
+    describe_missing_pose,
+)
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import Pose, Tracking, pose_cov
+from dart_hal.estimation.localisation.health import Status
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run import RunReader
 from studies.control.light_follow import LATER, plant_by
@@ -55,6 +63,15 @@ def test_out_of_time_it_stops_and_reports_it(verb, bend):
                 "--url", "sim://?seed=3&nano=mock")
     assert done.code == 0, done.err
     assert "ended: the time of 1 s is over" in done.out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("speed", "plans"), [(("--profile",), True), (("--speed", 1), False),
+                                              (("--profile", "--tracker", "lqr"), False)])
+def test_at_the_limit_of_the_tyres_the_default_tracker_plans(verb, bend, speed, plans):
+    done = verb("follow", bend, *speed, "--here", "--duration", 0.5, "--url", URL, "--json")
+    assert done.code == 0, done.err
+    assert ("plans" in done.json["summary"]) is plans
 
 
 @pytest.mark.slow
@@ -191,3 +208,25 @@ def test_keys_change_the_speed_and_end_the_drive():
     assert follower.phase is Phase.WAITING
     apply_keys(Keys(b"q"), follower)
     assert follower.phase is Phase.STOPPING
+
+
+def make_car(localiser=None, located=False, lidar=True):
+    """The parts of a car that tell why it has no pose."""
+    return SimpleNamespace(has_lidar=lidar,
+                           lidar=SimpleNamespace(localiser=localiser, located=located))
+
+
+def test_a_room_that_looks_the_same_from_two_places_is_named_with_the_remedy():
+    ambiguous, lost = (make_car(SimpleNamespace(newest=SimpleNamespace(status=status)))
+                       for status in (Status.AMBIGUOUS, Status.LOST))
+    assert "start=X,Y,YAW" in describe_missing_pose(ambiguous)
+    assert describe_missing_pose(lost) == ""
+    assert describe_missing_pose(make_car(SimpleNamespace(newest=None))) == ""
+    assert describe_missing_pose(make_car(lidar=False)) == ""
+
+
+def test_scans_that_fit_no_map_are_no_silence():
+    assert are_poses_silent(make_car(lidar=False)), "motion capture"
+    assert are_poses_silent(make_car(None)), "motion capture, and a lidar for other things"
+    assert are_poses_silent(make_car(SimpleNamespace(), located=True))
+    assert not are_poses_silent(make_car(SimpleNamespace(), located=False))

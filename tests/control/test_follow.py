@@ -28,6 +28,7 @@ from studies.control.light_follow import light_drive, motion_at, plant_by
 
 PLANT = plant_by(UPSTREAM_2024)
 STRAIGHT = Path([(4.0, 0.0)], closed=False)
+LONG = Path([(9.0, 0.0)], closed=False)
 
 
 def drive(path=STRAIGHT, rules=None, cap=1.0, **options):
@@ -100,6 +101,17 @@ def follow_with_gap(seconds, std=0.0, silent=True):
 def test_a_silent_lidar_is_bridged_for_a_second_and_no_longer():
     assert follow_with_gap(0.9 * MAX_BRIDGED_GAP).good
     assert "the pose was lost" in follow_with_gap(1.1 * MAX_BRIDGED_GAP).why
+
+
+def test_poses_that_are_rejected_are_not_bridged():
+    """They are of another body or of a wrong match: the control of the gap."""
+    def each(t, follower, motion):
+        return replace(motion, tracking=Tracking.JUMPED) if t > 1.5 else motion
+
+    follower = Follower(STRAIGHT, PLANT, 1.0, "lqr")
+    follower.silent = lambda: True
+    light_drive(follower, UPSTREAM_2024, each=each)
+    assert "the pose was lost: JUMPED for 0.5 s" in follower.why
 
 
 def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
@@ -234,3 +246,61 @@ def test_laps_of_an_open_path():
     with pytest.raises(UsageError, match="not closed") as refused:
         Follower(STRAIGHT, PLANT, 1.0, rules=Rules(laps=2))
     assert "4.00 m between its ends" in refused.value.found
+
+
+def observe_phases(start, path=LONG, cap=1.0):
+    """The follower of a drive from ``start`` and its phase at each call."""
+    phases = []
+
+    def each(t, follower, motion):
+        phases.append(follower.phase)
+        return motion
+
+    follower = Follower(path, PLANT, cap, "lqr")
+    rows = light_drive(follower, UPSTREAM_2024, start=start, each=each, seconds=20.0)
+    return follower, rows, phases
+
+
+@pytest.mark.parametrize("yaw", [-1.5, -1.2, 1.2, 1.5])
+def test_a_car_turned_on_the_path_joins_before_it_must_stay_in_the_lane(yaw):
+    follower, rows, phases = observe_phases((0.0, 0.0, yaw))
+    assert follower.why == "the path is driven"
+    assert Phase.JOINING in phases
+    largest = np.abs(rows[:, 3]).max()
+    assert largest > 0.25, "control: the turn needs most of the lane, or more"
+    following = np.array(phases) == Phase.FOLLOWING
+    assert np.abs(rows[:len(following), 3][following]).max() < follower.rules.lane
+
+
+def test_a_car_along_the_path_follows_at_once():
+    _, _, phases = observe_phases((0.0, 0.05, 0.1))
+    assert Phase.JOINING not in phases[2:]
+
+
+@pytest.mark.parametrize(("offset", "yaw"), [(0.9, 1.2), (-0.9, -1.2), (0.6, 1.57)])
+def test_a_start_that_must_turn_too_far_from_the_path_is_refused(offset, yaw):
+    with pytest.raises(UsageError, match=r"the first turn would lead the car 1[.]\d\d m away"):
+        observe_phases((1.0, offset, yaw))
+    follower, _, _ = observe_phases((1.0, offset, -yaw / 2.0))
+    assert follower.good, "control: it points towards the path"
+
+
+def test_a_drive_that_goes_away_before_the_lane_ends():
+    """Its steering is held straight, away from the path."""
+    follower = Follower(LONG, PLANT, 1.0, "lqr")
+    moved = {}
+
+    def each(t, follower, motion):
+        moved[t] = 0.9 + 0.5 * max(t - 1.0, 0.0)
+        return replace(motion, pose=Pose(motion.pose.x, moved[t], 0.0))
+
+    light_drive(follower, UPSTREAM_2024, start=(0.0, 0.9, 0.0), each=each)
+    assert "the car went away from the path before it was in the lane: 1.3" in follower.why
+
+
+def test_a_missing_pose_states_its_reason():
+    follower = Follower(STRAIGHT, PLANT, 1.0, "lqr")
+    follower.missing_reason = lambda: "the lidar is silent"
+    for t in (0.0, 1.1 * MAX_START_WAIT):
+        follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START_FRAME))
+    assert follower.why == "no pose came within 5 s: the lidar is silent"

@@ -33,6 +33,7 @@ from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import open_car
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
+from dart_hal.control.drive_record import DriveRecord
 from dart_hal.control.ending import Phase
 from dart_hal.control.follow import DEFAULT_HALF_WIDTH, Follower, Rules
 from dart_hal.control.keyboard import Terminal
@@ -46,6 +47,7 @@ from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_awar
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import MotionEstimate, State
+from dart_hal.estimation.localisation.health import Status
 
 # The keys + and - change the speed by this step [m/s], not below the minimum [m/s].
 KEY_SPEED_STEP = 0.1
@@ -61,10 +63,10 @@ COMMAND_SOURCE = "follow"
               help="m/s; slower where tyres, steering or path require it; keys + and - change it")
 @click.option("--profile", is_flag=True, help="as fast as the model of the car allows at each "
                                               "point")
-@click.option("--tracker", type=click.Choice(list(TRACKERS)), default="lqr", show_default=True,
-              help="lqr: linear-quadratic with preview; pursuit: pure pursuit; mpcc: model "
-                   "predictive contouring control; ca-mpcc: the same, curvature-aware, in two "
-                   "layers")
+@click.option("--tracker", type=click.Choice(list(TRACKERS)), default=None,
+              help="lqr (default): linear-quadratic with preview; pursuit: pure pursuit; mpcc "
+                   "(default with --profile): model predictive contouring control; ca-mpcc: the "
+                   "same, curvature-aware, in two layers")
 @click.option("--weights", type=click.Choice(list(WEIGHTS)), default=None,
               help="weights of the planned path (ca-mpcc): tuned (default), or as published")
 @click.option("--obstacle", "discs", type=DiscType(), multiple=True, metavar="X,Y,R[,SPEED]",
@@ -95,7 +97,7 @@ COMMAND_SOURCE = "follow"
 @lidar_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
-            profile: bool, tracker: str, weights: str | None, discs: tuple[Disc, ...],
+            profile: bool, tracker: str | None, weights: str | None, discs: tuple[Disc, ...],
             room: str | None, room_key: Path | None, compiled: bool, laps: int,
             half_width: float | None, reverse: bool, here: bool, odometry: bool, lane: float,
             duration: float | None, record: Path | None, plot: Path | None,
@@ -109,7 +111,8 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("one speed is required", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
-    make = choose_tracker(tracker, discs, compiled, lane, weights)
+    # At the limit of the tyres only a tracker that plans its speed has a margin for model errors.
+    make = choose_tracker(tracker or ("mpcc" if profile else "lqr"), discs, compiled, lane, weights)
     track = track_named(path).reversed() if reverse else track_named(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with open_car(url, car_name, cars, record, poses, lidar) as car:
@@ -128,6 +131,25 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     else:
         results.print(format_summary(summary_json), markup=False, highlight=False)
     return 0 if follower.good else 1
+
+
+def are_poses_silent(car: Car) -> bool:
+    """Return whether no pose can be expected: motion capture or lidar send nothing.
+
+    A lidar whose scans fit no map is not silent.
+    """
+    by_lidar = car.has_lidar and car.lidar.localiser is not None
+    return car.lidar.located if by_lidar else True
+
+
+def describe_missing_pose(car: Car) -> str:
+    """Return why the localisation by the lidar has no pose, with the remedy; empty without one."""
+    localiser = car.lidar.localiser if car.has_lidar else None
+    newest = localiser.newest if localiser is not None else None
+    if newest is None or newest.status is not Status.AMBIGUOUS:
+        return ""
+    return ("the room looks the same from several places of the map; state the pose of the car: "
+            "lidar:MAP.yaml?start=X,Y,YAW")
 
 
 def choose_tracker(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float,
@@ -167,7 +189,8 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
     follower = Follower(track, plant, cap, tracker, rules, max_speed)
     # Planners end their search after a budget of time on this clock.
     follower.clock = lambda: car.now
-    follower.silent = lambda: car.has_lidar and car.lidar.located
+    follower.silent = lambda: are_poses_silent(car)
+    follower.missing_reason = lambda: describe_missing_pose(car)
     slowest = int(np.argmin(follower.profile.speed[1:])) + 1
     v = float(follower.profile.speed[slowest])
     warnings = [] if car.files.model else [
@@ -258,20 +281,23 @@ def summarise_drive(follower: Follower) -> dict[str, Any]:
 
     Offsets are by the car's own estimate, from the moment at which it was in the lane.
     """
-    driven = follower.driven.table
     path = follower.path
     tracker = follower.tracker
-    # The approach from the start pose does not count.
-    inside = np.abs(driven[:, 3])[follower.joined:] if len(driven) else np.zeros(0)
     return {
         "ended": follower.why, "as_asked": follower.good, "length_m": path.length,
         "closed": path.closed,
         "least_radius_m": 1.0 / max(float(np.abs(path.curvature).max()), 1e-9),
         "begun_at_m": follower.begun_at, "lap_times_s": follower.driven.lap_times,
         "profile_s": follower.expected,
-        "offset_rms_m": float(np.sqrt(np.mean(inside**2))) if len(inside) else None,
-        "offset_max_m": float(inside.max()) if len(inside) else None,
+        **summarise_offset(follower.driven),
         **(summarise_obstacles(tracker) if isinstance(tracker, Contouring) else {})}
+
+
+def summarise_offset(driven: DriveRecord) -> dict[str, float | None]:
+    """Return root mean square and largest value of the offset [m]; None before the first call."""
+    has_figures = driven.offset_max >= 0.0
+    return {"offset_rms_m": driven.offset_rms if has_figures else None,
+            "offset_max_m": driven.offset_max if has_figures else None}
 
 
 def summarise_obstacles(tracker: Contouring[Any]) -> dict[str, Any]:

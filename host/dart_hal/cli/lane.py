@@ -23,7 +23,7 @@ from dart_hal.cli.common.output import console, print_json, progress_bar, result
 from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import check_drives_by_lidar, open_car
 from dart_hal.cli.common.summary import RunSummary
-from dart_hal.cli.follow import apply_keys, open_keys
+from dart_hal.cli.follow import apply_keys, open_keys, summarise_offset
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
@@ -118,14 +118,11 @@ def is_mirrored(car: Car) -> bool:
 
 def summarise_drive(follower: LaneFollower) -> dict[str, Any]:
     """Return the figures of the drive; offsets are by the car's own estimate."""
-    driven = follower.driven.table
-    offset = driven[:, 3]
     return {
         "ended": follower.why, "as_asked": follower.good, "way_m": follower.model.distance,
         "half_width_m": follower.half or None, "trim_rad": follower.model.trim,
         "lidar_yaw_rad": follower.model.mount,
-        "offset_rms_m": float(np.sqrt(np.mean(offset**2))) if len(driven) else None,
-        "offset_max_m": float(np.abs(offset).max()) if len(driven) else None}
+        **summarise_offset(follower.driven)}
 
 
 def format_summary(summary: dict[str, Any]) -> str:

@@ -10,12 +10,13 @@ to rest in time, the stop is given up at neutral.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from math import hypot, inf, sqrt
+from dataclasses import dataclass
+from math import cos, hypot, inf, remainder, sin, sqrt, tan, tau
 from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.control.drive_record import DriveRecord
 from dart_hal.control.ending import MAX_BRIDGED_GAP, MAX_POSE_GAP, MAX_START_WAIT, Ending, Phase
 from dart_hal.control.lap import CRAWL_SPEED, SpeedProfile, speed_profile
 from dart_hal.control.on_path import Tracker
@@ -24,7 +25,7 @@ from dart_hal.control.plant import Plant
 from dart_hal.control.stopping import REST_SPEED, ROLL_DECELERATION, STOP_DECELERATION, STUCK_TIME
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import START_FRAME, FloatArray, MotionEstimate, Pose, Tracking
+from dart_hal.core.types import START_FRAME, MotionEstimate, Pose, Tracking
 
 # Largest distance from the path at which a drive may begin [m].
 MAX_START_DISTANCE = 1.0
@@ -36,6 +37,9 @@ START_DISTANCE = 0.1
 # Distance in which the car has to reach the lane [m]: from 1 m off the path at 35 deg to it 2 m,
 # and a turn.
 MAX_JOIN_DISTANCE = 6.0
+# A car is in the lane once its offset, now and after it has turned along the path, is below this
+# share of the lane. The rest is for the errors of tracker and model.
+SHARE_OF_LANE = 0.7
 # Speed limit of a car without [limits] max_speed [m/s].
 DEFAULT_MAX_SPEED = 5.0
 
@@ -61,23 +65,6 @@ class Rules:
     lane: float = DEFAULT_HALF_WIDTH
     odometry: bool = False
     here: bool = False
-
-
-@dataclass
-class DriveRecord:
-    """Record of a drive.
-
-    rows: t, x, y, offset, speed, target speed, arc length of each call; lap_times [s]: the first
-    from the first motion on.
-    """
-
-    rows: list[tuple[float, ...]] = field(default_factory=list)
-    lap_times: list[float] = field(default_factory=list)
-
-    @property
-    def table(self) -> FloatArray:
-        """The rows as an array (n, 7)."""
-        return np.array(self.rows).reshape(-1, 7)
 
 
 class Follower(Ending):
@@ -111,21 +98,24 @@ class Follower(Ending):
         self.clock: Callable[[], float] = lambda: 0.0
         """Time [s] that runs while the tracker computes, as ``car.now``; may be set before."""
         self.silent: Callable[[], bool] = lambda: False
-        """Whether poses are missing only because the lidar is silent. Then wheels and gyro suffice
-        for ``MAX_BRIDGED_GAP`` s, while three standard errors of the pose are within the lane."""
+        """Whether poses are missing only because their source is silent. Then wheels and gyro
+        suffice for ``MAX_BRIDGED_GAP`` s, while three standard errors of the pose are within the
+        lane."""
+        self.missing_reason: Callable[[], str] = lambda: ""
+        """Why there is no pose yet, with the remedy; empty if that is not known."""
         self.path = path
         self.profile = speed_profile(path, plant, most)
         self.tracker = self._make(path, plant)
         self.begun_at = 0.0
-        self.joined = 0
-        """Number of rows of ``driven`` before the car was in the lane and had started."""
         self.driven = DriveRecord()
         self._t0: float | None = None
         self._has_moved = False
         self._located_t = self._lap_t = self._join_distance = 0.0
 
     def answer(self, motion: MotionEstimate) -> DriveCommand:
-        """Return the command at ``motion.t``. Raises UsageError for a start that is too far away.
+        """Return the command at ``motion.t``.
+
+        Raises UsageError for a start that is too far away, or that points too far off the path.
         """
         t = motion.t
         if self._t0 is None:
@@ -133,7 +123,9 @@ class Follower(Ending):
         if self.phase is Phase.WAITING:
             if not self._is_located(motion):
                 if t - self._t0 > MAX_START_WAIT:
-                    self._end(f"no pose came within {MAX_START_WAIT:g} s", Phase.ENDED)
+                    reason = self.missing_reason()
+                    self._end(f"no pose came within {MAX_START_WAIT:g} s"
+                              + (f": {reason}" if reason else ""), Phase.ENDED)
                 return DriveCommand(0.0, 0.0)
             self._begin(motion)
         if self.phase is Phase.ENDED:
@@ -148,8 +140,8 @@ class Follower(Ending):
         self._check_end(motion)
         speed = self._target_speed(motion)
         pose = motion.pose
-        self.driven.rows.append((t, pose.x, pose.y, self.tracker.offset, motion.speed, speed,
-                                 self.tracker.s))
+        self.driven.add(t, pose.x, pose.y, self.tracker.offset, motion.speed, speed,
+                        self.tracker.s)
         self._last_t = t
         return DriveCommand(steering, speed)
 
@@ -184,6 +176,7 @@ class Follower(Ending):
             self.profile = SpeedProfile(self.path, self.profile.speed)
             self.tracker = self._make(self.path, self.plant)
         self.begun_at = find_start(self.path, pose)
+        self._check_turn(pose)
         self.tracker.pace = self._pace_at
         self.tracker.clock = self.clock
         self.tracker.begin(self.begun_at)
@@ -198,10 +191,10 @@ class Follower(Ending):
         offset = abs(self.tracker.offset)
         self._count_laps(t)
         self._join_distance += abs(motion.speed) * (t - self._last_t)
-        if self.phase is Phase.JOINING and offset < 0.7 * rules.lane:
+        if self.phase is Phase.JOINING and self._is_in_lane(motion):
             self.phase = Phase.FOLLOWING
         if self.phase is Phase.JOINING or self.tracker.s < self.begun_at + START_DISTANCE:
-            self.joined = len(self.driven.rows)
+            self.driven.start_figures()
         if self.phase is Phase.STOPPING:
             return
         if t - self._located_t > (MAX_BRIDGED_GAP if self._can_bridge(motion) else MAX_POSE_GAP):
@@ -209,6 +202,8 @@ class Follower(Ending):
         elif self.phase is Phase.FOLLOWING and offset > rules.lane:
             self._end(f"the car left the lane: {offset:.2f} m off the path at "
                       f"{self.tracker.s % self.path.length:.2f} m")
+        elif self.phase is Phase.JOINING and offset > MAX_START_DISTANCE + rules.lane:
+            self._end(f"the car went away from the path before it was in the lane: {offset:.2f} m")
         elif self.phase is Phase.JOINING and self._join_distance > MAX_JOIN_DISTANCE:
             self._end(f"the car did not come into the lane within {MAX_JOIN_DISTANCE:g} m")
         elif self.tracker.why:
@@ -224,7 +219,48 @@ class Follower(Ending):
 
     def _can_bridge(self, motion: MotionEstimate) -> bool:
         variance = max(float(motion.cov[0, 0]), float(motion.cov[1, 1]))
-        return self.silent() and 3.0 * sqrt(variance) < self.rules.lane
+        return (motion.tracking is Tracking.DEAD_RECKONING and self.silent()
+                and 3.0 * sqrt(variance) < self.rules.lane)
+
+    def _turn_offset(self, pose: Pose, s: float, offset: float, delay_distance: float) -> float:
+        """Return the offset [m] at which the car will be parallel to the path again.
+
+        1. psi: heading of the car minus that of the path. The car turns back with its tightest
+           curvature 1/R to that side; the path bends towards it or away by its own curvature.
+        2. An arc of radius R changes the offset by R (1 - cos psi).
+        3. Before it, the car drives straight until its steering acts: ``delay_distance`` sin psi.
+        """
+        point = self.path.interpolate(s)
+        psi = remainder(pose.yaw - point.heading, tau)
+        right, left = self.plant.lock
+        wheelbase = self.plant.vehicle.body.wheelbase
+        tightest = tan(abs(right if psi > 0.0 else left)) / wheelbase
+        side = 1.0 if psi > 0.0 else -1.0
+        relative = max(tightest + side * point.curvature, 0.1 * tightest)
+        return offset + side * ((1.0 - cos(psi)) / relative + delay_distance * abs(sin(psi)))
+
+    def _is_in_lane(self, motion: MotionEstimate) -> bool:
+        """Return whether the car is in the lane and will be when it has turned along the path."""
+        limit = SHARE_OF_LANE * self.rules.lane
+        delay = self.plant.delay
+        speed = max(motion.speed, min(self.cap, self.free, self.profile.speed_at(self.tracker.s)))
+        after = self._turn_offset(motion.pose, self.tracker.s, self.tracker.offset,
+                                  speed * (delay.transport + delay.lag + delay.yaw_delay))
+        return max(abs(self.tracker.offset), abs(after)) < limit
+
+    def _check_turn(self, pose: Pose) -> None:
+        """Raise UsageError for a start whose first turn leads too far away from the path."""
+        offset = self.path.offset(pose.x, pose.y, self.begun_at)
+        # The car is at rest: its steering acts before it has moved.
+        after = self._turn_offset(pose, self.begun_at, offset, 0.0)
+        if abs(after) > MAX_START_DISTANCE:
+            heading = self.path.interpolate(self.begun_at).heading
+            raise UsageError(
+                f"the first turn would lead the car {abs(after):.2f} m away from the path",
+                found=f"{abs(offset):.2f} m beside it at rest, and "
+                      f"{abs(remainder(pose.yaw - heading, tau)):.2f} rad off its direction",
+                expected=f"at most {MAX_START_DISTANCE:g} m until the car is parallel to the path",
+                remedy=f"turn the car towards the path, or to {heading:.2f} rad, or move it nearer")
 
     def _count_laps(self, t: float) -> None:
         laps = len(self.driven.lap_times) + 1

@@ -10,13 +10,15 @@ from the pose at which the command acts. The car can always stop within the visi
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf, sqrt
 
 import numpy as np
 
+from dart_hal.control.drive_record import DriveRecord
 from dart_hal.control.ending import MAX_POSE_GAP, MAX_START_WAIT, Ending, Phase
-from dart_hal.control.follow import DriveCommand, DriveRecord
+from dart_hal.control.follow import DriveCommand
 from dart_hal.control.lane import LaneView, find_lane
 from dart_hal.control.lane_model import LaneReckoning
 from dart_hal.control.lap import BEND_SPEED_SHARE, CRAWL_SPEED
@@ -37,6 +39,8 @@ FRONT_DISTANCE = 0.3
 LaneFinder = Callable[[FloatArray, Pose], LaneView]
 # Length over which the curvature ahead is averaged [m]: noise of 1 cm is a bend of 8 m.
 CURVATURE_LENGTH = 0.6
+# Lanes that are kept: those of ten minutes at 7 Hz, 1 MB.
+MAX_LANES = 4200
 
 
 class LaneFollower(Ending):
@@ -63,8 +67,9 @@ class LaneFollower(Ending):
         self.path: Path | None = None
         self.half = self.s = self.offset = 0.0
         self.driven = DriveRecord()
-        self.lane_history: list[tuple[float, float, float, float]] = []
-        """x, y [m], heading [rad] of the lane at the car and its half width [m], by each scan."""
+        self.lane_history: deque[tuple[float, float, float, float]] = deque(maxlen=MAX_LANES)
+        """x, y [m], heading [rad] of the lane at the car and its half width [m], by the newest
+        scans."""
         self._find_lane = find_lane
         self._view: LaneView | None = None
         self._start_t = self._lane_t = self._scan_t = -inf
@@ -89,8 +94,8 @@ class LaneFollower(Ending):
         self.offset = self.path.offset(now.pose.x, now.pose.y, self.s)
         self._check_end(t)
         target_speed = self._target_speed(speed)
-        self.driven.rows.append((t, now.pose.x, now.pose.y, self.offset, speed, target_speed,
-                                 self.model.distance))
+        self.driven.add(t, now.pose.x, now.pose.y, self.offset, speed, target_speed,
+                        self.model.distance)
         self._last_t = t
         return DriveCommand(self._steer(self.path), target_speed)
 

@@ -145,8 +145,8 @@ class Monitor:
     @property
     def max_offset(self) -> float:
         """Largest distance to the curve [m], by its own estimate, after the start."""
-        offset = self.follower.driven.table[self.follower.joined:, 3]
-        return float(np.abs(offset).max(initial=0.0))
+        largest = self.follower.driven.offset_max
+        return largest if largest >= 0.0 else 0.0
 
     def disagreement(self, now: float) -> float:
         """Return the largest error [rad] of a neighbour's phase from its slot, by its extrapolated

@@ -11,6 +11,7 @@ Obstacles are given as discs; ``air`` holds the smallest clearance to each, by t
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from math import cos, inf, sin
@@ -46,6 +47,8 @@ DEFAULT_HALF_WIDTH = 0.3
 OBSTACLE_LANE_MARGIN = 0.04
 # Plans from one that is stored for the picture to the next: 1 s.
 PLANS_PER_PREDICTION = 10
+# Predictions that are kept: those of ten minutes, 0.4 MB.
+MAX_PREDICTIONS = 600
 # Outcomes in the order by which they are recorded.
 PLAN_OUTCOMES = tuple(PlanOutcome)
 
@@ -62,8 +65,8 @@ class PredictedPath(NamedTuple):
 
 class Contouring(PathTracker, Generic[PlannerT]):
     """See ``Tracker``. ``mpcc``: the planner, its obstacles may be set; ``plan``: the last plan;
-    ``predictions``: every tenth plan; ``air`` [m]: smallest clearance to each disc;
-    ``compile_error``: why the plans are not made in C.
+    ``predictions``: every tenth plan, the newest of them; ``air`` [m]: smallest clearance to each
+    disc; ``compile_error``: why the plans are not made in C.
     """
 
     def __init__(
@@ -88,7 +91,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self.discs = discs
         self.air = [inf] * len(discs)
         self._disc_obstacles: tuple[Obstacle, ...] = ()
-        self.predictions: list[PredictedPath] = []
+        self.predictions: deque[PredictedPath] = deque(maxlen=MAX_PREDICTIONS)
         self.mpcc.budget = PLAN_BUDGET
         self.plan: MpcPlan | None = None
         prediction = DisturbancePrediction(plant)
