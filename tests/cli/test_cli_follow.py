@@ -211,7 +211,7 @@ def test_keys_change_the_speed_and_end_the_drive():
 
 
 def make_car(localiser=None, located=False, lidar=True):
-    """The parts of a car that tell why it has no pose."""
+    """The parts of a car that state why it has no pose."""
     return SimpleNamespace(has_lidar=lidar,
                            lidar=SimpleNamespace(localiser=localiser, located=located))
 

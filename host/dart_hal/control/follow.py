@@ -257,7 +257,7 @@ class Follower(Ending):
             heading = self.path.interpolate(self.begun_at).heading
             raise UsageError(
                 f"the first turn would lead the car {abs(after):.2f} m away from the path",
-                found=f"{abs(offset):.2f} m beside it at rest, and "
+                found=f"{abs(offset):.2f} m from it at rest, and "
                       f"{abs(remainder(pose.yaw - heading, tau)):.2f} rad off its direction",
                 expected=f"at most {MAX_START_DISTANCE:g} m until the car is parallel to the path",
                 remedy=f"turn the car towards the path, or to {heading:.2f} rad, or move it nearer")
