@@ -23,6 +23,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.file import model_of
 from dart_lab.sim.marking import format_marks, mark_car
+from dart_lab.sim.truth import reveal_url
 
 SEED_7 = "sim://?nano=mock&seed=7"
 
@@ -137,3 +138,62 @@ def test_a_car_without_measurements_is_refused(tmp_path):
 def test_marking_needs_reveal(verb, tmp_path):
     refused = verb("sim", "--pty", "--against", tmp_path, "--json").error
     assert "--reveal" in refused["what"] + str(refused["found"]) + refused["try"]
+
+
+def identified(cars, car="sim-7", **sections):
+    """Save a model with these quantities as the model of a car."""
+    model = model_of(PAPER)
+    for section, entries in sections.items():
+        model = msgspec.structs.replace(
+            model, **{section: {**getattr(model, section), **entries}})
+    save_model(model, cars / car / "model.toml")
+
+
+def test_parameters_of_a_model_are_marked_as_a_fit_sees_them(tmp_path):
+    """Throttle is the pulse of car.toml, and a command waits for a PWM frame."""
+    truth = reveal_url(Url.parse(SEED_7))
+    motor = {name: entry["value"] for name, entry in truth["vehicle"]["motor"].items()}
+    scale = 450.0 / truth["sensors"]["throttle.saturation_us"]
+    offset = (1500.0 - truth["sensors"]["throttle.neutral_us"]) / 450.0
+    delay = truth["vehicle"]["delay"]["steering_s"]["value"] + 0.0119
+    identified(tmp_path,
+               motor={"d": Quantity(motor["d"] * scale, 1e-3), "e": Quantity(motor["e"], 1e-3),
+                      "g": Quantity(motor["g"] / scale + offset, 1e-4)},
+               delay={"steering_s": Quantity(delay, 1e-3), "steering_lag_s": Quantity(0.03, 0.1)})
+    found = marks(SEED_7, tmp_path)
+    # A parameter without a standard error was not measured; a lag has no true counterpart.
+    assert set(found) == {"model.motor.d", "model.motor.e", "model.motor.g",
+                          "model.delay.steering_s"}
+    assert found["model.motor.d"].inside
+    assert found["model.motor.g"].inside
+    assert found["model.delay.steering_s"].inside
+    assert not found["model.motor.e"].inside  # negative control: without the scale
+    assert found["model.motor.d"].unit == "N"
+
+
+def test_parameters_that_an_effect_changes_are_not_marked(tmp_path):
+    steering = {"s0": Quantity(0.0, 1.0)}
+    motor = {"d": Quantity(20.0, 1.0)}
+    identified(tmp_path, "sim-0", motor=motor, steering=steering)
+
+    def shown(effect):
+        sheet = mark_car(Url.parse(f"sim://?nano=mock{effect}"), [tmp_path])
+        return {mark.name for mark in sheet.marks if mark.group == "model"}, set(sheet.unmarked)
+
+    assert shown("") == ({"motor.d", "steering.s0"}, set())
+    assert shown("&effect=battery_fade:-0.3") == ({"steering.s0"}, {"model.motor.d"})
+    assert shown("&effect=steering_backlash:0.1") == ({"motor.d"}, {"model.steering.s0"})
+    assert shown("&effect=motor_gain:-0.1") == ({"steering.s0"}, {"model.motor.d"})
+    assert shown("&effect=lateral_pull:0.05") == (set(), {"model.motor.d", "model.steering.s0"})
+
+
+@pytest.mark.slow
+def test_a_fit_of_a_hidden_car_is_inside(verb):
+    url = "sim://?nano=mock&physics=kinematic&tick=10&seed=7"
+    verb("experiment", "motor", "--url", url, "--space", "12x3", "--yes", "--cars", "cars",
+         "--out-model", "cars/sim-7/model.toml")
+    found = [m for m in mark_car(Url.parse(url), ["cars"]).marks if m.group == "model"]
+    assert {mark.name for mark in found} == {"body.mass", "motor.d", "motor.e", "motor.g"}
+    for mark in found:  # three standard errors: one in 400 by chance
+        half = 3.0 / 1.645 * (mark.high - mark.measured)
+        assert abs(mark.true - mark.measured) < half, mark

@@ -26,11 +26,13 @@ from dart_hal.core.config import (
     parse_car,
 )
 from dart_hal.core.config.folders import Folders
+from dart_hal.core.config.model import MODEL_PARAMETERS
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import INTERVAL_90, FloatArray
 from dart_hal.core.url import Url
-from dart_hal.vehicle import make_steering
+from dart_hal.vehicle import Motor, flat, make_steering
 from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.flat import unit
 from dart_hal.vehicle.motor import make_drive
 from dart_lab.sim.backend import lidar_in_room, mocap_in_room
 from dart_lab.sim.car_file import car_toml
@@ -45,18 +47,20 @@ INTERVAL_COVERAGE = 0.9
 UNIT_BY_QUANTITY = {**QUANTITY_UNITS, "steering.backlash": "rad"}
 # Bisections of a throttle between 0 and 1: to the last bit.
 BISECTIONS = 60
-# Names of calibration.toml that an effect on a signal of the car changes.
+# Parameters of a model that are identified in turns.
+DRIVEN_TURNS = ("model.steering.", "model.delay.", "model.tyres.", "model.body.yaw_inertia")
+# Names of calibration.toml and of a model that an effect on a signal of the car changes.
 CHANGED_BY_SIGNAL: Mapping[str, tuple[str, ...]] = {
-    "throttle": ("throttle.", "latency.pulse_to_wheel"),
-    "steering": ("steering.", "latency.pulse_to_yaw"),
-    "angle": ("steering.", "latency.pulse_to_yaw"),
+    "throttle": ("throttle.", "latency.pulse_to_wheel", "model.motor.", "model.friction."),
+    "steering": ("steering.", "latency.pulse_to_yaw", *DRIVEN_TURNS),
+    "angle": ("steering.", "latency.pulse_to_yaw", *DRIVEN_TURNS),
     "wheel": ("encoder.", "throttle.", "steering.", "imu.gyro_scale", "latency.", "mocap.",
-              "lidar."),
-    "gyro": ("imu.", "steering.", "latency.pulse_to_yaw", "mocap.", "lidar."),
+              "lidar.", "model."),
+    "gyro": ("imu.", "steering.", "latency.pulse_to_yaw", "mocap.", "lidar.", *DRIVEN_TURNS),
     "accel": ("imu.",),
 }
 # Those that any other force on the car changes: they are measured while it drives.
-CHANGED_BY_FORCE = ("throttle.", "steering.", "latency.pulse_to")
+CHANGED_BY_FORCE = ("throttle.", "steering.", "latency.pulse_to", "model.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +116,17 @@ def mark_car(url: Url, cars: Folders) -> MarkingSheet:
                          remedy=f"dart-hal calibrate all --url '{url.text}' --cars FOLDER")
     marks: list[Mark] = []
     unmarked: list[str] = []
+    measured: list[Mark] = []
     if calibration is not None:
-        changed = _changed_names(resolved)
-        for mark in _mark_calibration(url, resolved, files, calibration):
-            if f"{mark.group}.{mark.name}".startswith(changed):
-                unmarked.append(f"{mark.group}.{mark.name}")
-            else:
-                marks.append(mark)
+        measured += _mark_calibration(url, resolved, files, calibration)
+    if files.model is not None:
+        measured += _mark_parameters(resolved, files, files.model)
+    changed = _changed_names(resolved)
+    for mark in measured:
+        if f"{mark.group}.{mark.name}".startswith(changed):
+            unmarked.append(f"{mark.group}.{mark.name}")
+        else:
+            marks.append(mark)
     if files.model is not None:
         marks += _mark_effects(resolved, files.model)
     return MarkingSheet(files.config.name, tuple(marks), tuple(unmarked))
@@ -133,6 +141,13 @@ def _changed_names(resolved: ResolvedCar) -> tuple[str, ...]:
             names += CHANGED_BY_SIGNAL.get(signal, ())
     tilted = any(a.name in TILT_EFFECTS for a in resolved.effects)
     names += ["imu.", "steering.", "latency.pulse_to_yaw"] if tilted else []
+    # An effect that is a change of parameters changes those of the model.
+    healthy = flat.values(resolved.base.vehicle)
+    names += [f"model.{name}" for name, value in flat.values(resolved.true.vehicle).items()
+              if name in healthy and value != healthy[name]]
+    if (resolved.true.servo.delay, resolved.true.servo.lag) != (
+            resolved.base.servo.delay, resolved.base.servo.lag):
+        names += ["model.delay."]
     # Without pulses, a motor with delay or lag pulls longer than its speed controller.
     esc = resolved.true.esc
     names += ["throttle.signal_loss"] if esc.delay > 0.0 or esc.lag > 0.0 else []
@@ -225,6 +240,43 @@ def _force_at(drive: Callable[..., float], speed: float, throttle: float) -> flo
     return drive(throttle, speed)
 
 
+def _mark_parameters(resolved: ResolvedCar, files: CarFiles, model: ModelFile) -> Iterator[Mark]:
+    """Mark the parameters of a model that have a standard error and a true counterpart."""
+    truth = _true_parameters(resolved, files)
+    for section in MODEL_PARAMETERS:
+        for key, entry in getattr(model, section).items():
+            name = f"{section}.{key}"
+            if not isinstance(entry, Quantity) or name not in truth:
+                continue
+            # Nothing in a model states its neutral: the nearer truth counts.
+            true = min(truth[name], key=lambda value: abs(value - entry.value))
+            yield _mark("model", name, unit(resolved.true.vehicle, name), true, entry)
+
+
+def _true_parameters(resolved: ResolvedCar, files: CarFiles) -> dict[str, tuple[float, ...]]:
+    """Return the true parameters as a fit sees them, by name, with all values that may be meant.
+
+    A lag has no true counterpart: the limited rate of the servo is fitted as one.
+    """
+    car = resolved.true
+    truth: dict[str, tuple[float, ...]] = {
+        name: (float(value),) for name, value in flat.values(car.vehicle).items()
+        if name.partition(".")[0] in ("body", "friction", "motor", "steering", "tyres")}
+    motor = car.vehicle.motor
+    if isinstance(motor, Motor):
+        # Throttle is a pulse of car.toml: of another neutral and scale than those of the ESC.
+        throttle = files.config.throttle
+        scale = throttle.span_us / car.esc.saturation_us
+        truth |= {"motor.d": (motor.d * scale,), "motor.e": (motor.e * scale,),
+                  "motor.g": tuple(motor.g / scale + (neutral - car.esc.neutral_us)
+                                   / throttle.span_us
+                                   for neutral in (files.neutral_us, throttle.neutral_us))}
+    # A command waits for a PWM frame.
+    truth["delay.steering_s"] = (car.servo.delay
+                                 + sensor_truth(car)["latency.command_to_pulse"],)
+    return truth
+
+
 def _find_zero(force: Callable[[float], float]) -> float:
     """Return the throttle 0..1 at which a force [N] that rises with it is zero."""
     low = 0.0
@@ -238,14 +290,19 @@ def _find_zero(force: Callable[[float], float]) -> float:
     return 0.5 * (low + high)
 
 
-def _mark_effects(resolved: ResolvedCar, model: ModelFile) -> Iterator[Mark]:
-    """Mark the effects of a model: those of the car, and causes that the car does not have.
+def _causes(model: ModelFile) -> tuple[str, ...]:
+    """Return the effects of a model that are causes.
 
     A diagnosis names its causes in the provenance. Its other effects, such as the mounting of an
     IMU, are parameters of the fit without a true counterpart.
     """
+    return tuple(model.provenance.get("causes", [effect.name for effect in model.effects]))
+
+
+def _mark_effects(resolved: ResolvedCar, model: ModelFile) -> Iterator[Mark]:
+    """Mark the effects of a model: those of the car, and causes that the car does not have."""
     found = {effect.name: effect.parameters for effect in model.effects}
-    causes = model.provenance.get("causes", list(found))
+    causes = _causes(model)
     # Effects of the car, found or not.
     for active in resolved.effects:
         entries = found.pop(active.name, {})
