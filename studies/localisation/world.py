@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.estimation.localisation.field import Map, map_of_lines
 from dart_hal.estimation.localisation.localiser import Localiser, Located
-from dart_hal.estimation.localisation.rays import fastest_cast
+from dart_hal.estimation.localisation.rays import LineIndex, fastest_cast
 from dart_lab.sim.lidar.maps import RoomMap, box, clearance, room_of
 
 DT = 0.01
@@ -193,6 +193,7 @@ def _scans(lines, glass, t, truth, hid, rng, n):
     beams = round(5000.0 / hid.rate)
     turn = np.arange(beams) * (2.0 * np.pi / beams)
     cast, mount = fastest_cast(), Mount(x=0.13)
+    there, panes = LineIndex(lines), LineIndex(glass)
     first = t[0] + 0.05
     while first + beams * 2e-4 + 0.02 < t[-1]:
         when = first + 2e-4 * np.arange(beams)
@@ -203,14 +204,13 @@ def _scans(lines, glass, t, truth, hid, rng, n):
         ahead = yaw - hid.sense * turn
         origin = np.column_stack((x + 0.13 * np.cos(yaw), y + 0.13 * np.sin(yaw)))
         way = np.column_stack((np.cos(ahead), np.sin(ahead)))
-        seen = lines
+        r = there.cast(origin, way)
         if hid.other:
             phase = 0.8 * when[-1] * hid.speed
             cx, cy = 3.0 + 1.3 * np.cos(phase), 2.5 + 1.0 * np.sin(phase)
             if np.hypot(cx - x[-1], cy - y[-1]) > 0.45:
-                seen = np.vstack((lines, box(cx, cy, phase + 1.57, *CAR)))
-        r = cast(seen, origin, way)
-        r[cast(glass, origin, way) < r] = np.nan
+                r = np.minimum(r, cast(box(cx, cy, phase + 1.57, *CAR), origin, way))
+        r[panes.cast(origin, way) < r] = np.nan
         r[(r > 10.0) | (r < 0.12)] = np.nan
         r = (r + rng.normal(size=beams) * (hid.noise + hid.noise_share * r)) / hid.scale
         r[rng.uniform(size=beams) < hid.dropout] = np.nan

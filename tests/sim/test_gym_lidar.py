@@ -125,8 +125,8 @@ def test_the_picture_shows_them():
 
 def test_numpy_sees_what_the_kernel_sees(monkeypatch):
     distances = []
-    for cast in (rays.fastest_cast(), rays.cast_numpy):
-        monkeypatch.setattr("dart_lab.sim.gym.lidar.fastest_cast", lambda cast=cast: cast)
+    for compiled in (rays.native_grid_cast(), None):
+        monkeypatch.setattr(rays, "native_grid_cast", lambda compiled=compiled: compiled)
         distances.append(DartCarEnv(beams=24).reset(seed=6)[0])
     assert distances[0] == pytest.approx(distances[1], abs=1e-6)
 

@@ -6,8 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dart_hal.estimation.localisation import localiser
+from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.localiser import Localiser
+from dart_hal.estimation.localisation.search import search, search_period
+from dart_lab.sim.lidar.maps import room_of
 from studies.localisation.figures import kidnapped
 from studies.localisation.world import drive, hidden, run
 
@@ -45,3 +49,20 @@ def test_the_gap_of_a_second_is_bridged():
     r = run(d)
     assert np.diff(r.t).max() > 0.9
     assert r.off.max() < 0.03
+
+
+def test_searches_while_lost_take_a_limited_share_of_the_time(monkeypatch):
+    """In another room; the control is a limit of the share that no search reaches."""
+    d = drive(2005, hidden(2005, seconds=4.0))
+    other = map_of_lines(room_of("room", 2006).lines)
+    counts = []
+    for period in (search_period(other), 0.0):
+        searched = []
+        monkeypatch.setattr(localiser, "search_period", lambda chart, period=period: period)
+        monkeypatch.setattr(localiser, "search",
+                            lambda *scan, searched=searched: searched.append(1) or search(*scan))
+        assert not len(run(d, localiser=Localiser(other)).t)
+        counts.append(len(searched))
+    scans = len(d.scans)
+    assert counts[1] == scans
+    assert counts[0] <= 1 + (d.scans[-1].t[-1] - d.scans[0].t[-1]) / search_period(other) < scans

@@ -15,6 +15,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.boxes import select_walls
 from dart_hal.estimation.localisation.grid import Grid, lines_of_grid
+from dart_hal.estimation.localisation.rays import LineIndex
 
 # m between two nodes, about a third of ``matcher.C``, over which the weights change.
 NODE_SPACING = 0.025
@@ -31,7 +32,8 @@ class Map:
     lines (m, 4): x1, y1, x2, y2 [m]; walls (k, 4): lines that remain when boxes are removed;
     origin (2,) [m] of node 0, 0; distance (rows, columns) [m], at most ``MAX_FIELD_DISTANCE``, its
     value along the border; patch (rows * columns, 4): bilinear form of the cell above and right of
-    a node, the distance there and its change by x, y and x y.
+    a node, the distance there and its change by x, y and x y; line_index, wall_index: lines and
+    walls for many rays.
     """
 
     lines: FloatArray
@@ -40,6 +42,8 @@ class Map:
     cell: float
     distance: FloatArray
     patch: FloatArray
+    line_index: LineIndex
+    wall_index: LineIndex
 
     def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance (n,) [m] at places (n,) [m] and its derivatives by x and y; constant far
@@ -67,7 +71,8 @@ def map_of_lines(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
     for line in lines:
         _lower_distance(distance, line, low, cell)
     walls = select_walls(lines, low, cell, distance)
-    return Map(lines, walls, low, cell, distance, _bilinear_forms(distance))
+    return Map(lines, walls, low, cell, distance, _bilinear_forms(distance), LineIndex(lines),
+               LineIndex(walls))
 
 
 def map_of_pieces(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
@@ -88,7 +93,8 @@ def map_of_pieces(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
     node = low + cell * np.column_stack((i, j))
     near = _distance(node.T, lines[nearest[row[j, i], column[j, i]]].T)
     distance[j, i] = np.minimum(near, MAX_FIELD_DISTANCE)
-    return Map(lines, lines, low, cell, distance, _bilinear_forms(distance))
+    index = LineIndex(lines)
+    return Map(lines, lines, low, cell, distance, _bilinear_forms(distance), index, index)
 
 
 def _make_raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, tuple[int, int]]:

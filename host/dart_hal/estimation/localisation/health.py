@@ -21,7 +21,6 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, TextEnum
 from dart_hal.estimation.localisation.field import Map
-from dart_hal.estimation.localisation.rays import fastest_cast
 
 # m.
 AGREEMENT_DISTANCE = 0.08
@@ -116,8 +115,9 @@ def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray
     start = start @ rotation + pose[:2]
     ahead = reach @ rotation / measured[:, None]
     limit = AGREEMENT_DISTANCE + AGREEMENT_SHARE * measured
-    past_first = measured - fastest_cast()(chart.lines, start, ahead)
-    past_wall = measured - fastest_cast()(chart.walls, start, ahead)
+    past_first = measured - chart.line_index.cast(start, ahead)
+    past_wall = (past_first if chart.wall_index is chart.line_index
+                 else measured - chart.wall_index.cast(start, ahead))
     agrees = np.abs(past_first) < limit
     is_past = past_first >= limit
     removed_boxes = is_past & (np.abs(past_wall) < limit)

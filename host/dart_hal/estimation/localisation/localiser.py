@@ -26,7 +26,7 @@ from dart_hal.estimation.localisation.belief import (
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.health import MIN_PROOF, Status, TrackJudge, agreement
 from dart_hal.estimation.localisation.path import OdometrySteps
-from dart_hal.estimation.localisation.search import search
+from dart_hal.estimation.localisation.search import search, search_period
 
 # Scans after that of a search which its pose must explain; it is reported with the last of them.
 MIN_PROOF_SCANS = 5
@@ -74,6 +74,9 @@ class Localiser:
         self._watch = LidarHealthMonitor()
         self._yaw = 0.0
         self._judge = TrackJudge(1.0)
+        self._failure = Status.LOST
+        self._agreement = 0.0
+        self._last_search = -np.inf
         self._proof_scans = 0
         self._proof_distance = 0.0
         # Whether this is the room of the map, by the given start or by a proven track.
@@ -115,10 +118,8 @@ class Localiser:
         return place_beams(scan, self._steps, errors, late, deskew=self.deskew)
 
     def _find(self, beams: Beams) -> bool:
-        """Find the car by the given start or a search; return whether it was found."""
+        """Find the car by the given start, or by a search if one is due; return whether found."""
         t = float(beams.stretch.t[-1])
-        self._agreement = 0.0
-        self._failure = Status.LOST
         self._proof_scans = 0
         self._proof_distance = 0.0
         if self._start is not None:
@@ -127,12 +128,18 @@ class Localiser:
             self._proof_scans = MIN_PROOF_SCANS
             self._judge = TrackJudge(1.0)
         elif self._mirrored:
+            self._agreement = 0.0
+            self._failure = Status.LOST
+            return False
+        elif 0.0 <= t - self._last_search < search_period(self.chart):
             return False
         else:
+            self._last_search = t
             found = search(self.chart, beams.points, beams.rays, beams.origin)
             self._agreement = found.agreement.share
-            if not (found.fits and found.is_unique):
-                self._failure = Status.AMBIGUOUS if found.fits else Status.LOST
+            is_ambiguous = found.fits and not found.is_unique
+            self._failure = Status.AMBIGUOUS if is_ambiguous else Status.LOST
+            if is_ambiguous or not found.fits:
                 return False
             pose = found.pose[:3]
             is_known = self._is_known_map or found.is_known_room

@@ -103,10 +103,10 @@ class OdometrySteps:
         b = max(min(bisect_left(self._t, end), newest), a)
         node = np.array(self._t[a - 1:b + 1])
         raw = np.array(self._steps[a:b + 1])
-        long = np.diff(node)
+        long = node[1:] - node[:-1]
         node[0] = start
         node[-1] = end
-        raw *= (np.diff(node) / long)[:, None]
+        raw *= ((node[1:] - node[:-1]) / long)[:, None]
         return _integrate(node, raw, known)
 
 
@@ -114,7 +114,7 @@ def _integrate(t: FloatArray, raw: FloatArray, known: FloatArray) -> Stretch:
     """Correct and add up steps (n, 4); t (n + 1,) [s]."""
     k, b, g, s = known.tolist()
     # 1. Corrected steps.
-    dt = np.maximum(np.diff(t), 1e-9)
+    dt = np.maximum(t[1:] - t[:-1], 1e-9)
     dx, dy, dw, spin_time = raw.T
     slips = dx * dw * dx / (dt * dt)
     along = (1.0 + k) * dx
@@ -135,12 +135,10 @@ def _integrate(t: FloatArray, raw: FloatArray, known: FloatArray) -> Stretch:
     elapsed = np.cumsum(dt) - 0.5 * dt
     heading_change = np.cumsum(dw) - 0.5 * dw
     jacobian = np.array((
-        ((c * dx - n * dy).sum(), (ey * elapsed).sum(), -(ey * heading_change).sum(),
-         (n * slips).sum()),
-        ((n * dx + c * dy).sum(), -(ex * elapsed).sum(), (ex * heading_change).sum(),
-         -(c * slips).sum()),
+        (c @ dx - n @ dy, ey @ elapsed, -(ey @ heading_change), n @ slips),
+        (n @ dx + c @ dy, -(ex @ elapsed), ex @ heading_change, -(c @ slips)),
         (0.0, -dt.sum(), dw.sum(), 0.0)))
     rate = np.array((ex[-1], ey[-1], turn[-1])) / dt[-1]
-    spin_jacobian = np.array(((c * spin_time).sum(), (n * spin_time).sum(), 0.0))
+    spin_jacobian = np.array((c @ spin_time, n @ spin_time, 0.0))
     return Stretch(t, pose, jacobian, spin_jacobian, float(np.abs(dx).sum()),
                    float(np.abs(dw).sum()), rate)

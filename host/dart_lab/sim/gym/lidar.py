@@ -15,7 +15,7 @@ from dart_hal.car.lidar import DEFAULT_MOUNT_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.localisation.rays import fastest_cast
+from dart_hal.estimation.localisation.rays import LineIndex
 from dart_hal.vehicle.namespace import Value
 from dart_lab.sim.gym.config import GymConfig
 from dart_lab.sim.light.noise import LIDAR_STREAM, Seed, make_stream
@@ -40,7 +40,7 @@ class RangeSensor:
         self.lines = np.vstack([board_lines(track, side * (c.half_width + BOARD_OFFSET))
                                 for side in (1.0, -1.0)])
         self.bearing: FloatArray = np.arange(c.beams, dtype=np.float64) * (math.tau / c.beams)
-        self._cast = fastest_cast()
+        self._index = LineIndex(self.lines)
 
     def ranges(self, pose: FloatArray, others: FloatArray) -> FloatArray:
         """Return distances (beams, n) [m] to the nearest board or car.
@@ -56,7 +56,7 @@ class RangeSensor:
         lidar_y = y + DEFAULT_MOUNT_X * np.sin(yaw)
         shape = (len(self.bearing), pose.shape[1])
         origin = np.column_stack([np.broadcast_to(v, shape).ravel() for v in (lidar_x, lidar_y)])
-        hit = self._cast(self.lines, origin, np.column_stack((c.ravel(), s.ravel())))
+        hit = self._index.cast(origin, np.column_stack((c.ravel(), s.ravel())))
         reach = np.minimum(hit.reshape(shape), MAX_RANGE)
         for other in others:
             reach = np.minimum(reach, _to_box(lidar_x, lidar_y, c, s, other))

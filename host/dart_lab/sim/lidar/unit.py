@@ -23,7 +23,7 @@ from dart_hal.core.types import FloatArray, IntArray, Scan
 from dart_hal.devices.lidar.models import X4, LidarModel
 from dart_hal.devices.lidar.packets import LASER_CROSSING_MM, LASER_OFFSET_MM
 from dart_hal.devices.lidar.scan import LidarStream
-from dart_hal.estimation.localisation.rays import NO_HIT, fastest_cast
+from dart_hal.estimation.localisation.rays import NO_HIT, LineIndex, fastest_cast
 from dart_lab.sim.lidar.encoders import PER_PACKET
 from dart_lab.sim.lidar.maps import RoomMap
 from dart_lab.sim.lidar.params import LidarParams
@@ -52,7 +52,9 @@ class LidarUnit:
         self._encoder = params.make_encoder()
         self._noise = np.random.default_rng([seed, 512])
         self._line = np.random.default_rng([seed, 513])
-        self._cast = fastest_cast()
+        self._cast_moving = fastest_cast()
+        self._lines = LineIndex(room.lines)
+        self._glass = LineIndex(room.glass)
         self._sample = self._turns = 0
         self._line_free = self._arrived = 0.0
         self._turn_end = 0.0
@@ -157,15 +159,16 @@ class LidarUnit:
 
     def _cast_rays(self, t: FloatArray, laser: FloatArray, beam: FloatArray) -> FloatArray:
         """Return distances [m] to the first object on each beam; infinite behind glass."""
-        reach = self._cast(self._room.lines, laser, beam)
+        reach = self._lines.cast(laser, beam)
         for a in range(0, len(t), PER_PACKET) if self.others else ():
             part = slice(a, a + PER_PACKET)
             moving = np.vstack([other(float(t[part].mean())) for other in self.others])
             if not len(moving):
                 continue
-            reach[part] = np.minimum(reach[part], self._cast(moving, laser[part], beam[part]))
+            hit = self._cast_moving(moving, laser[part], beam[part])
+            reach[part] = np.minimum(reach[part], hit)
         if len(self._room.glass):
-            reach[self._cast(self._room.glass, laser, beam) < reach] = np.inf
+            reach[self._glass.cast(laser, beam) < reach] = np.inf
         return reach
 
     def _in_room(self, t: FloatArray) -> FloatArray:
