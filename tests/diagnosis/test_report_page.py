@@ -265,6 +265,8 @@ def test_a_verdict_is_marked_as_good_only_where_the_page_lists_nothing_against_i
     good = replace(made.diagnosis("nothing_wrong", 0, False), considered=())
     assert 'class="verdict good"' in page(good)
     assert 'class="verdict bad"' in page(replace(good, outliers=MOMENTS))
+    run = Outliers("v_x", 2.6, (ErrorMoment("a.mcap", 53.2, 0.32, 11.8, 1.4, 0.3, 0.0),))
+    assert "/#t=53.20" in page(replace(good, outliers=(run,)))
 
 
 def test_no_ratio_of_all_errors_is_next_to_the_gain_of_a_cause():

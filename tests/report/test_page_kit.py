@@ -154,3 +154,11 @@ def test_what_is_downloaded_is_the_answer():
     button = page.download(given, "x.json")
     data = json.loads(b64decode(button.partition("base64,")[2].partition('"')[0]))
     assert data == {"a": None, "b": [0, 1], "c": "x", "d": [1, {"e": 2.5}]}
+
+
+def test_a_moment_of_a_run_links_to_its_replay():
+    link = page.link_replay("12.3", "runs/one.mcap", 12.345)
+    assert 'href="http://localhost:8642/#t=12.35"' in link
+    assert "dart-hal view runs/one.mcap" in link
+    # Negative control: the page plays runs of this program only.
+    assert page.link_replay("12.3", "one.csv", 12.345) == "12.3"

@@ -57,7 +57,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
     def cells(kind: str, row: Sequence[str]) -> Html:
         out = []
         for i, cell in enumerate(row):
-            long = len(cell) > MAX_UNBROKEN_CELL
+            long = not isinstance(cell, Html) and len(cell) > MAX_UNBROKEN_CELL
             number = i >= numbers and (kind == "th" or not long)
             out.append(el(kind, cell, class_="n" if number else "l" if long else "s"))
         return el("tr", *out)

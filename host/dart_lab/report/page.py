@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from dart_hal.car.viewers import VIEWER_PORT
 from dart_hal.core.plain_json import plain
 
 from .html import Html, el, join
@@ -65,6 +66,18 @@ def text(words: str) -> Html:
 def small_print(words: str) -> Html:
     """Return a remark in small print."""
     return el("p", words, class_="soft")
+
+
+def link_replay(words: str, file: str, second: float) -> str:
+    """Return words that link to a moment of a run, on the page that ``dart-hal view FILE`` serves.
+
+    second: since the start of the run. Words about a recording that this page cannot play stay
+    plain.
+    """
+    if not file.endswith(".mcap"):
+        return words
+    return el("a", words, href=f"http://localhost:{VIEWER_PORT}/#t={second:.2f}",
+              title=f"while dart-hal view {file} runs")
 
 
 def items(lines: Iterable[str], name: str = "ul", **attributes: str) -> Html:

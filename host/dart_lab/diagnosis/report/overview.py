@@ -129,9 +129,10 @@ def _same_path(windows: Sequence[PathWindow]) -> str:
 def _path_figure(window: PathWindow) -> Html:
     """Draw the paths of one window."""
     lines = [(window.paths[name], STYLES[name]) for name in STYLES if name in window.paths]
+    moment = page.link_replay(f"from {window.second:.2f} s", window.file, window.second)
     return page.figure(
-        f"{window.kind.capitalize()} window: {significant(window.error)} m off after 2 s "
-        f"({short(window.file)}, from {window.second:.2f} s)",
+        join([f"{window.kind.capitalize()} window: {significant(window.error)} m off after 2 s "
+              f"({short(window.file)}, ", moment, ")"]),
         charts.draw_paths(f"Path in the {window.kind} window", "ahead of the start [m]",
                           "to the left [m]", lines, round(MARK_SPACING / window.step)))
 

@@ -81,14 +81,16 @@ def moments(d: Diagnosis) -> Html:
     late = page.items([late_commands(d.late_commands)] if d.late_commands else [])
     if not d.outliers:
         return late
-    rows = [(channel(o.channel), m.file, f"{m.second:.1f}", significant(m.error),
+    rows = [(channel(o.channel), m.file,
+             page.link_replay(f"{m.second:.1f}", m.file, m.second), significant(m.error),
              f"{m.times:.1f}", f"{m.speed:.2f}", f"{m.throttle:.2f}", f"{m.steering:.2f}")
             for o in d.outliers for m in o.moments]
     return join([
         late, page.items(map(outliers, d.outliers)),
         page.small_print("Events that come at any time, with either sign, are no cause of the "
                          "catalogue: a gust, a lost command, a wheel that lifts, a jump of the "
-                         "motion capture. Look at these moments in the recordings."),
+                         "motion capture. Look at these moments in the recordings: while dart-hal "
+                         "view FILE runs, the second of a run links to it."),
         table(("channel", "file", "second", "error", "times the usual one", "speed [m/s]",
                "throttle", "steering"), rows, 2)])
 
