@@ -186,7 +186,7 @@ def test_record_and_replay(verb, tmp_path):
     assert set(recorded) == RUN_FIELDS
     assert recorded["files"]["recording"] == str(run)
     assert recorded["url"] == MOCK_7_URL
-    replayed = verb("replay", run, "--csv", table, "--json").json
+    replayed = verb("replay", run, "--out", table, "--json").json
     assert set(replayed) == RUN_FIELDS
     assert replayed["frames"] == recorded["frames"]
     assert replayed["summary"]["states_sha256"] == recorded["summary"]["states_sha256"]

@@ -206,7 +206,7 @@ def test_pictures_one_file_or_a_folder(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE_DRIVE, "--plot", tmp_path / "a.png").json
     assert got["plots"] == [str(tmp_path / "a.png")]
-    got = verb("evaluate", "--json", FREE_DRIVE, "--plot", tmp_path / "all").json
+    got = verb("evaluate", "--json", FREE_DRIVE, "--plots", tmp_path / "all").json
     names = sorted(Path(p).name for p in got["plots"])
     assert names == ["errors.png", "kinematic_limit.png", "windows.png"]
     for path in [*got["plots"], tmp_path / "a.png"]:

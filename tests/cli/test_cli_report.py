@@ -149,6 +149,6 @@ def test_versions_are_counted_from_the_newest(tmp_path):
 def test_the_example_car_has_a_page(tmp_path, verb, monkeypatch):
     cars = Path(__file__).parents[2] / "cars"
     monkeypatch.chdir(tmp_path)
-    result = verb("report", "--cars", cars, "--out", tmp_path / "x.html", "--json").json
+    result = verb("report", "--cars", cars, "--html", tmp_path / "x.html", "--json").json
     assert result["car"] == "dart-01"
     assert (tmp_path / "x.html").is_file()

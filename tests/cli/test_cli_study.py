@@ -24,7 +24,8 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_whole_study_has_a_page_and_repeats_a_stage(verb, folder, tmp_path):
-    ran = verb("study", folder, "--html", *FRAME_OPTION, "--out", tmp_path / "study")
+    ran = verb("study", folder, "--html", tmp_path / "study" / "index.html", *FRAME_OPTION,
+               "--out", tmp_path / "study")
     assert ran.code == 0
     saved = tmp_path / "study"
     assert {p.name for p in saved.iterdir()} >= {

@@ -179,7 +179,7 @@ def test_a_broken_model_file_is_not_overwritten(run, tmp_path):
 @pytest.mark.slow
 def test_pictures(run, tmp_path):
     pytest.importorskip("matplotlib")
-    _, document, _ = run("all", "--as-paper", EXCERPT, "--plot", "pics", "--json")
+    _, document, _ = run("all", "--as-paper", EXCERPT, "--plots", "pics", "--json")
     names = {Path(p).name for p in document["plots"]}
     assert names == {f"{n}.png" for n in (*NAMES, "step_response")}
     assert all((tmp_path / p).read_bytes()[:4] == b"\x89PNG" for p in document["plots"])
@@ -272,7 +272,7 @@ def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
 @pytest.mark.slow
 def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     pytest.importorskip("matplotlib")
-    status, out, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
+    status, out, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plots",
                            "pics")
     assert status == 0
     table = out.split("residuals")[1].split("\n\n")[0]
@@ -290,7 +290,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     def fail(*_):
         raise UsageError("no room for pictures")
     monkeypatch.setattr("dart_lab.identification.plots.draw", fail)
-    status, out, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
+    status, out, err = run("friction", "--as-paper", EXCERPT, "--plots", "pics", "--out", "m.toml")
     assert status == 2
     assert "1.726 +- 0.021" in out
     assert err.index("written: m.toml") < err.index("no room")
@@ -301,7 +301,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
 def test_pictures_of_recordings(run, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((EXCERPT / "10_step_input_data_rubbery_floor").glob("*14_59_59*"))
-    _, document, _ = run("friction", *files, "--plot", "pics", "--dry-run", "--json")
+    _, document, _ = run("friction", *files, "--plots", "pics", "--dry-run", "--json")
     identified = document["fits"]["friction"]["n"] > 0  # one short file may not identify it
     expected = {"step_response.png"} | ({"friction.png"} if identified else set())
     assert {Path(p).name for p in document["plots"]} == expected

@@ -247,7 +247,7 @@ def test_a_picture_of_each_schema(cli, excerpt, tmp_path, part):
 def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((excerpt / "40_sinusoidal_steering_data").glob("*"))[:2]
-    out = cli(*files, "--plot", tmp_path / "new")[1]
+    out = cli(*files, "--plots", tmp_path / "new")[1]
     assert len(out["plots"]) == 3
     assert {p.name for p in (tmp_path / "new").iterdir()} == {
         "40_sinusoidal_steering_data_01_22_2024_11_39_01.png",

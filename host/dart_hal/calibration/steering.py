@@ -300,7 +300,7 @@ STEERING_PROCEDURE = Procedure(
     plan=_plan, measure=measure_map, check=_check_speeds,
     options=(Option("speeds", "m/s there and back; slower needs less floor, and both must differ",
                     SWEEP_SPEEDS, "m/s", 0.15, 0.8, metavar="SLOW FAST"),),
-    plot=_plot, plot_help="picture of map, data and residuals",
+    plot=_plot, plot_help="map, data and residuals",
     fit=_fit, fit_help="fit recordings (files or folders) instead of driving; to "
     "compare, and for the paper's form: nothing is written to calibration.toml",
     keys=("steering.map",), after=("clock", "encoder", "imu"), confirm=False)

@@ -378,5 +378,5 @@ calibrate_throttle = Procedure(
     options=(Option("room", "straight floor; more of it allows higher speeds, below 2.5 m the "
                     "car circles on 3.5 m x 3.5 m", DEFAULT_ROOM, "m", 0.0, 30.0,
                     metavar="METRES"),),
-    plot=_plot, plot_help="picture of the measured pulses and those of the model",
+    plot=_plot, plot_help="the measured pulses and those of the model",
     keys=("throttle.drive",), after=("clock", "esc", "encoder"))

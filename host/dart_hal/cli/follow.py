@@ -24,12 +24,12 @@ from dart_hal.cli.common.options import (
     drive_options,
     json_option,
     lidar_option,
+    plot_option,
     poses_option,
     room_key_option,
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import open_car
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
@@ -90,8 +90,7 @@ COMMAND_SOURCE = "follow"
 @click.option("--lane", type=FiniteNumber(0.05, 5.0), default=DEFAULT_HALF_WIDTH, show_default=True,
               help="largest offset from the path, m; the car stops beyond it")
 @drive_options
-@click.option("--plot", type=PlotFile(), default=None,
-              help="write a picture of the path and the driven line")
+@plot_option("the path and the driven line")
 @waive_option
 @poses_option
 @lidar_option

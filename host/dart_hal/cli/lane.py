@@ -17,10 +17,10 @@ from dart_hal.cli.common.options import (
     drive_options,
     json_option,
     lidar_option,
+    plot_option,
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import check_drives_by_lidar, open_car
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.cli.follow import apply_keys, open_keys, summarise_offset
@@ -40,8 +40,7 @@ COMMAND_SOURCE = "lane"
 @click.option("--distance", type=FiniteNumber(min=0.1), default=None,
               help="m after which the car stops")
 @drive_options
-@click.option("--plot", type=PlotFile(), default=None,
-              help="write a picture of the lane and the driven line")
+@plot_option("the lane and the driven line")
 @lidar_option
 @waive_option
 @json_option

@@ -19,10 +19,11 @@ from dart_hal.cli.common.options import (
     json_option,
     lidar_option,
     map_option,
+    plot_option,
     waive_option,
 )
 from dart_hal.cli.common.output import print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.session import load_map, show_sensor_errors, with_progress
 from dart_hal.cli.common.simulated_room import load_simulator
 from dart_hal.control.ending import Phase
@@ -46,8 +47,7 @@ from dart_hal.estimation.localisation.source import LidarPoses, parse_start
               help="rad, left positive")
 @click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the run to this MCAP file")
-@click.option("--plot", type=PlotFile(), default=None,
-              help="write a picture of the path in the map")
+@plot_option("the path in the map")
 @lidar_option
 @waive_option
 @json_option

@@ -17,10 +17,11 @@ from dart_hal.cli.common.options import (
     car_options,
     json_option,
     lidar_option,
+    plot_option,
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.session import check_drives_by_lidar, open_car
 from dart_hal.cli.drive import run_manual
 from dart_hal.cli.lane import drive as drive_along
@@ -62,8 +63,7 @@ from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
               help="side of a cell of the map, m")
 @click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the drive to this MCAP file (default: OUT.mcap)")
-@click.option("--plot", type=PlotFile(), default=None,
-              help="write a picture of map, path and loop closures")
+@plot_option("map, path and loop closures")
 @lidar_option
 @waive_option
 @json_option

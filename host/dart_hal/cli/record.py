@@ -13,10 +13,10 @@ from dart_hal.cli.common.options import (
     foxglove_options,
     json_option,
     lidar_option,
+    out_option,
     poses_option,
 )
 from dart_hal.cli.common.output import print_json, results
-from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.session import limit_to_real_time, open_car, serve_foxglove, with_progress
 from dart_hal.cli.common.summary import RunSummary
 
@@ -25,8 +25,7 @@ from dart_hal.cli.common.summary import RunSummary
 @car_options
 @click.option("--duration", type=FiniteNumber(min=0.1), default=60.0, show_default=True,
               help="seconds of car time")
-@click.option("--out", type=OutputFile(replaces=False),
-              default=Path("runs/run.mcap"), show_default=True, help="file to write")
+@out_option(content="the recording", default=Path("runs/run.mcap"))
 @poses_option
 @lidar_option
 @camera_option

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.options import json_option, old_spelling, out_option
 from dart_hal.cli.common.output import print_json, results, show_notices
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.summary import RunSummary
@@ -17,16 +17,16 @@ from dart_hal.recording import open_writer
 
 @click.command("replay")
 @click.argument("recording", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--csv", type=OutputFile(".csv"), default=None,
-              help="also write the States to this CSV file")
+@out_option(".csv", content="the States as a table", replaces=True)
+@old_spelling("--csv", "--out", OutputFile(".csv"))
 @json_option
-def command(recording: Path, csv: Path | None, as_json: bool) -> None:
+def command(recording: Path, out: Path | None, as_json: bool) -> None:
     """Decode RECORDING again; the States are identical to those of the run."""
-    files = {"recording": recording} | ({"csv": csv} if csv else {})
+    files = {"recording": recording} | ({"csv": out} if out else {})
     with Car.open(f"replay://{recording}") as car:
         show_notices(car.notices)
         summary = RunSummary(car)
-        with open_writer(csv) if csv else nullcontext() as writer:
+        with open_writer(out) if out else nullcontext() as writer:
             if writer is not None:
                 car.on_state(writer.state)
             # States reach the summary and the file by callbacks.

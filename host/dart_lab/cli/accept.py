@@ -28,7 +28,12 @@ from dart_hal.calibration.acceptance import (
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.common.bench import TerminalOperator
-from dart_hal.cli.common.options import car_options, json_option
+from dart_hal.cli.common.options import (
+    car_options,
+    html_option_with_default,
+    json_option,
+    out_option,
+)
 from dart_hal.cli.common.output import (
     console,
     print_json,
@@ -36,7 +41,6 @@ from dart_hal.cli.common.output import (
     progress_bar,
     show_notices,
 )
-from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.plain_json import plain
 from dart_hal.core.url import Url
@@ -95,10 +99,9 @@ def _ask_reading(question: str) -> float | None:
               help="leave this step out; the report states it")
 @click.option("--yes", is_flag=True, help="start every step without a question; on a simulated "
               "car only")
-@click.option("--html", type=OutputFile(".html", ".htm"), default=Path("accept.html"),
-              metavar="REPORT.HTML", show_default=True, help="the report as a page")
-@click.option("--out", type=OutputFile(".json"), default=Path("accept.json"), show_default=True,
-              metavar="FILE.JSON", help="the same values as a file")
+@html_option_with_default(Path("accept.html"))
+@out_option(".json", content="the values of the report", replaces=True,
+            default=Path("accept.json"))
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, port: str | None, emulator: str,
             skip: tuple[str, ...], yes: bool, html: Path, out: Path, as_json: bool) -> int:

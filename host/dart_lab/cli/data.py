@@ -9,9 +9,14 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.common.options import full_option, html_option, json_option
+from dart_hal.cli.common.options import (
+    full_option,
+    html_option,
+    json_option,
+    out_option,
+    plots_options,
+)
 from dart_hal.cli.common.output import console, print_json, progress_bar
-from dart_hal.cli.common.outputs import OutputFile, PlotFileOrFolder
 from dart_hal.cli.common.sizes import load_named_car, recorded_car_options
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.check import RecordingCheck, check, folder_of, stem_of, summary
@@ -28,9 +33,7 @@ def command() -> None:
 
 @command.command("check")
 @click.argument("files", nargs=-1, metavar="[FILES]...", type=click.Path(path_type=Path))
-@click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="DIR|FILE",
-              help="a picture of each recording into a folder; or one picture (.png .svg .pdf): "
-              "of one recording, or of several at a glance")
+@plots_options("one recording, or several at a glance", "one of each recording")
 @html_option
 @full_option
 @recorded_car_options
@@ -151,8 +154,7 @@ def fetch_command(source: str | None, folder: Path | None, as_json: bool) -> int
               "with --out a file of it")
 @click.option("--unchecked", is_flag=True,
               help="import although signs, units or axes contradict each other")
-@click.option("--out", type=OutputFile(".mcap", ".toml", replaces=False), default=None,
-              help="file to write: the recording (.mcap), or with --guess the map (.toml)")
+@out_option(".mcap", ".toml", content="the recording (.mcap), or with --guess the map (.toml)")
 @recorded_car_options
 @json_option
 def import_command(files: tuple[Path, ...], map_name: str | None, guess: bool, unchecked: bool,

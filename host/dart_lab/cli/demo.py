@@ -14,13 +14,12 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.options import json_option, out_folder_option
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.session import with_progress
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit
-from dart_hal.core.config import check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process import jobs
 from dart_hal.core.process.extras import install_command
@@ -50,8 +49,7 @@ SKIPPED = "skipped: its recordings come with the sources, and this installation 
 @click.command("demo")
 @click.option("--url", default="sim://?seed=7", show_default=True, metavar="URL",
               help="simulated car; its seed chooses the hidden parameters")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("demo"),
-              show_default=True, help="folder for page, recording and calibration")
+@out_folder_option("page, recording and calibration", Path("demo"))
 @json_option
 def command(url: str, out: Path, as_json: bool) -> None:
     """Calibrate an emulated car, drive a figure of eight, change two things in it, find them.
@@ -67,7 +65,6 @@ def command(url: str, out: Path, as_json: bool) -> None:
     if find_spec("matplotlib") is None:
         raise UsageError("the demo draws its page with matplotlib, which is not installed",
                          remedy=install_command("plot"))
-    check_writable(out)
     reveal_url(parsed)  # raises the errors of opening this car before the first drive
     number = parsed.options.get("seed", "0")
     healthy = remove_hidden_effects(parsed)

@@ -19,6 +19,7 @@ from dart_hal.cli.common.options import (
     PathsOption,
     html_option,
     json_option,
+    out_option,
 )
 from dart_hal.cli.common.output import (
     console,
@@ -60,10 +61,9 @@ Skipped = list[tuple[str, str]]
                    "recording, about 40 % of it)")
 @click.option("--refit/--no-refit", default=True, show_default=True,
               help="estimate the model's own parameters again before a cause is searched")
-@click.option("--out", type=OutputFile(".toml", replaces=False), default=None, metavar="MODEL.TOML",
-              help="write the extended model (an older one goes to history/)")
+@out_option(".toml", content="the extended model (an older one goes to history/)")
 @click.option("--out-predictor", type=OutputFile(".toml", replaces=False), default=None,
-              metavar="MODEL.TOML",
+              metavar="FILE",
               help="look for the best predictor too and write it: every effect that lowers errors "
                    "in training recordings left out of the fit, accepted as a cause or not")
 @html_option

@@ -8,9 +8,8 @@ from types import ModuleType
 import click
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.common.options import REFERENCE, html_option, json_option
+from dart_hal.cli.common.options import REFERENCE, html_option, json_option, plots_options
 from dart_hal.cli.common.output import print_json, progress_bar, show_notices
-from dart_hal.cli.common.outputs import PlotFileOrFolder
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
@@ -35,8 +34,7 @@ from dart_lab.identification.measured import MEASURED, default_model, named_mode
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m "
                    "(default: fitted, but known for the published recordings)")
-@click.option("--plot", type=PlotFileOrFolder(), default=None, metavar="FILE|DIR",
-              help="picture of the errors, or all pictures into a folder")
+@plots_options("the errors", "the errors, and those of each recording")
 @html_option
 @recorded_car_options
 @json_option

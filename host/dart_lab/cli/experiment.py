@@ -19,11 +19,13 @@ from dart_hal.cli.common.options import (
     FiniteNumber,
     car_options,
     json_option,
+    out_option,
+    plot_option,
     poses_option,
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.devices.links.base import Backend, open_backend
@@ -55,14 +57,12 @@ SIM_FLOOR = "10"
               help="top speed in m/s (default: what the test needs, or less on a short floor)")
 @click.option("--mass", type=FiniteNumber(0.2, 20.0), default=None, metavar="KG",
               help="weight of the car, ready to drive (default: that of car.toml, +- 2 %)")
-@click.option("--out", type=OutputFile(replaces=False), default=None,
-              help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
+@out_option(content="the recording  [default: runs/EXPERIMENT-TIME.mcap]")
 @click.option("--out-model", type=OutputFile(".toml", replaces=False), default=None,
               help="add the identified values to this model.toml")
 @waive_option
 @click.option("--no-fit", is_flag=True, help="drive and record only")
-@click.option("--plot", type=PlotFile(), default=None,
-              help="picture of the path and the commands")
+@plot_option("the path and the commands")
 @poses_option
 @click.option("--yes", is_flag=True, help="the floor is free: do not ask (for scripts)")
 @json_option

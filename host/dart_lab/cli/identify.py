@@ -11,9 +11,14 @@ from typing import Any
 import click
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.common.options import REFERENCE, html_option, json_option
+from dart_hal.cli.common.options import (
+    REFERENCE,
+    html_option,
+    json_option,
+    out_option,
+    plots_options,
+)
 from dart_hal.cli.common.output import console, print_json, progress_bar, results
-from dart_hal.cli.common.outputs import OutputFile, PlotFolder
 from dart_hal.cli.common.sizes import (
     SizedModel,
     apply_car_sizes,
@@ -22,7 +27,7 @@ from dart_hal.cli.common.sizes import (
 )
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
-from dart_hal.core.figures import new_figure
+from dart_hal.core.figures import FIGURE_FORMATS, new_figure, save_figure
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
@@ -60,11 +65,8 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               "upstream-2024; measured: the paper's with the calibrated values of the "
               "car of the runs (default: the file of --out if it exists, then measured where "
               "the runs have a calibration, then paper)")
-@click.option("--out", type=OutputFile(".toml", replaces=False), default=None,
-              help="file to write the model to (default: model.toml; an older one goes to "
-              "history/)")
-@click.option("--plot", type=PlotFolder(), default=None,
-              metavar="DIR", help="pictures of data, fit and the paper's curve")
+@out_option(".toml", content="the model (default: model.toml; an older one goes to history/)")
+@plots_options("data, fit and the paper's curve of one sub-model", "one of each sub-model")
 @html_option
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
@@ -86,6 +88,9 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     nothing could be identified.
     """
     _check_arguments(submodel, files, root, reference, joint)
+    if plot is not None and plot.suffix in FIGURE_FORMATS and submodel == "all":
+        raise UsageError("identify all has a picture of each sub-model", found=f"--plot {plot}",
+                         expected="a folder", remedy=f"--plots {plot.with_suffix('')}")
     if plot is not None or html is not None:
         new_figure()  # raises before the fits if matplotlib is missing
     files = tuple(find(files)) if files else ()
@@ -223,12 +228,14 @@ def _draw_pictures(outcome: Identification, data: Any, reference: Reference | No
     return figures(evidence, fits), why_missing(evidence, fits)
 
 
-def _save_pictures(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path
+def _save_pictures(drawn: Mapping[str, Any], missing: Mapping[str, str], target: Path
                    ) -> list[Path]:
     """Write the pictures; print their paths, and the reasons for missing ones."""
     from dart_lab.identification.plots import draw
 
-    pictures = draw(drawn, folder)
+    # Without a suffix of a picture the name is a folder.
+    pictures = ([save_figure(figure, target) for figure in list(drawn.values())[:1]]
+                if target.suffix in FIGURE_FORMATS else draw(drawn, target))
     for picture in pictures:
         console.print(f"picture: {picture}", markup=False, highlight=False)
     for name, why in missing.items():

@@ -9,7 +9,12 @@ import click
 
 from dart_hal.car.digest import Digest, digest
 from dart_hal.car.files import DEFAULT_CAR
-from dart_hal.cli.common.options import cars_option, json_option
+from dart_hal.cli.common.options import (
+    cars_option,
+    html_option_with_default,
+    json_option,
+    old_spelling,
+)
 from dart_hal.cli.common.output import console, print_json, progress_bar, show_notices
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.config import CarFiles, load_car, parse_car
@@ -27,11 +32,11 @@ MAX_RUNS = 10
 @click.option("--car", "car_name", default=DEFAULT_CAR, envvar="DART_HAL_CAR", show_default=True,
               help="name of the car (also: $DART_HAL_CAR)")
 @cars_option
-@click.option("--out", type=OutputFile(".html"), default=Path("report.html"), show_default=True,
-              help="the page")
+@html_option_with_default(Path("report.html"))
+@old_spelling("--out", "--html", OutputFile(".html"))
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path, exists=True), metavar="[RUNS]..")
 @json_option
-def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
+def command(car_name: str, cars: Path | None, html: Path, runs: tuple[Path, ...],
             as_json: bool) -> None:
     """Write one page about a car: calibrations with intervals and age, last runs, what changed.
 
@@ -48,15 +53,15 @@ def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
         tuple(calibration_changes(calibration, files.folder)) if calibration else (),
         tuple(model_changes(model, files.folder / "model.toml")) if model else (),
         datetime.now(timezone.utc))
-    answer = car_report.to_json(out)
-    write_page(car_report, out, answer)
+    answer = car_report.to_json(html)
+    write_page(car_report, html, answer)
     show_notices(skipped)
     if as_json:
         print_json(answer)
         return
     for line in car_report.to_do():
         console.print(line, markup=False, highlight=False)
-    console.print(f"report: {out}", markup=False, highlight=False)
+    console.print(f"report: {html}", markup=False, highlight=False)
 
 
 def _load_files(name: str, folders: list[Path] | None, runs: tuple[Digest, ...]) -> CarFiles:

@@ -9,10 +9,9 @@ import click
 from rich.progress import Progress, TaskID
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.common.options import REFERENCE, json_option
+from dart_hal.cli.common.options import REFERENCE, PageOption, json_option, out_folder_option
 from dart_hal.cli.common.output import console, print_json, print_line, progress_bar
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
-from dart_hal.core.config import check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
@@ -22,8 +21,7 @@ from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_p
 
 @click.command("study")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("study"),
-              show_default=True, help="folder of the results; each stage replaces its own")
+@out_folder_option("results and page; each stage replaces its own", Path("study"))
 @click.option("--stage", type=click.Choice(list(STAGES)), default=None,
               help="repeat one stage alone, with the results that are in the folder")
 @click.option("--base", default="paper", show_default=True, metavar="MODEL",
@@ -31,13 +29,13 @@ from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_p
 @click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
               help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
                    "but known for the published recordings)")
-@click.option("--html", is_flag=True, help="write index.html into the folder")
+@click.option("--html", cls=PageOption, default=None)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="seed of the random draws for intervals and significance")
 @recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
-            reference: Reference | None, html: bool, seed: int, car_name: str | None,
+            reference: Reference | None, html: Path | None, seed: int, car_name: str | None,
             cars: Path | None, as_json: bool) -> int:
     """Study a car by its recordings: check, identifiability, fit, validation, diagnosis, next.
 
@@ -47,8 +45,7 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
     """
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
-                         remedy="dart-hal study FOLDER --car NAME --html")
-    check_writable(out)
+                         remedy="dart-hal study FOLDER --car NAME --html study.html")
     recordings, skipped = read_any(find(files), reference=reference,
                                    car=NamedCar(car_name, str(cars) if cars else None))
     # Sizes of the named car replace those of the start model, which fits may then move within their
@@ -71,8 +68,11 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
             break
     # The page also has the stages of earlier calls.
     results = load_results(out)
-    page = write_study_page(results, out / "index.html", car_name or sizes.model.name) \
-        if html else None
+    page = None
+    if html is not None:
+        # Without a file, as in version 0.1, the page is next to the results.
+        target = html if html.name else out / "index.html"
+        page = write_study_page(results, target, car_name or sizes.model.name)
     if as_json:
         print_json({"folder": out, "page": page, "stages": {
             name: {"verdict": r.verdict, "lines": r.lines, "sound": r.sound, "facts": r.facts}

@@ -11,7 +11,14 @@ import click
 
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.car.misuse import check_url
-from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.output import show_notices
+from dart_hal.cli.common.outputs import (
+    OutputFile,
+    OutputFolder,
+    PlotFile,
+    PlotFileOrFolder,
+    PlotFolder,
+)
 from dart_hal.control.mpc.obstacles import Disc
 from dart_hal.recording.dart import Reference
 
@@ -115,11 +122,122 @@ def json_option(command: CommandT) -> CommandT:
                         help="print one JSON object for machines")(command)
 
 
+HTML_HELP = "write the report: one page with every figure"
+
+
 def html_option(command: CommandT) -> CommandT:
-    """Add ``--html``: the result as one page."""
-    return click.option("--html", type=OutputFile(".html", ".htm"), default=None,
-                        metavar="REPORT.HTML",
-                        help="write the report: one page with every figure")(command)
+    """Add ``--html``: the result as one page, for a person."""
+    return html_option_with_default(None)(command)
+
+
+def html_option_with_default(default: Path | None) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds ``--html`` with a page that is written in any case."""
+    return click.option("--html", type=OutputFile(".html", ".htm"), default=default,
+                        callback=_prefer_other_spelling, show_default=default is not None,
+                        metavar="FILE", help=HTML_HELP)
+
+
+def plot_option(picture: str) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds ``--plot``: one picture; picture: what it shows."""
+    return click.option("--plot", type=PlotFile(), default=None, metavar="FILE",
+                        help=f"write a picture: {picture}")
+
+
+def plots_options(picture: str, pictures: str) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds ``--plot``, one picture, and ``--plots``, a folder of them.
+
+    Both give the parameter ``plot``. A folder after ``--plot`` is the spelling of version 0.1.
+    """
+    def store(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+        if value is not None:
+            context.meta["plot"] = value
+
+    def decorate(command: CommandT) -> CommandT:
+        command = click.option("--plots", type=PlotFolder(), metavar="FOLDER", default=None,
+                               expose_value=False, callback=store,
+                               help=f"write pictures into a folder: {pictures}")(command)
+        return click.option("--plot", type=PlotFileOrFolder(), metavar="FILE", default=None,
+                            callback=_prefer_other_spelling,
+                            help=f"write a picture: {picture}")(command)
+
+    return decorate
+
+
+def out_option(*suffixes: str, content: str, replaces: bool = False, default: Path | None = None
+               ) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds ``--out``: the result as a file for other programs.
+
+    suffixes: allowed ones; none: any. replaces: see OutputFile.
+    """
+    return click.option("--out", type=OutputFile(*suffixes, replaces=replaces), default=default,
+                        callback=_prefer_other_spelling, show_default=default is not None,
+                        metavar="FILE", help=f"write the result for programs: {content}")
+
+
+def out_folder_option(content: str, default: Path) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds ``--out`` of a verb whose result is several files."""
+    return click.option("--out", type=OutputFolder(), default=default, show_default=True,
+                        metavar="FOLDER", help=f"write the result for programs: {content}")
+
+
+def old_spelling(old: str, new: str, kind: click.ParamType[Any]
+                 ) -> Callable[[CommandT], CommandT]:
+    """Return the decorator that adds the spelling of version 0.1 of an option, with a notice.
+
+    It gives the parameter of the new option, and is not listed in the help.
+    """
+    def warn(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+        if value is not None:
+            show_notices((f"{old} is {new} since version 0.2; {old} goes with the next version",))
+            context.meta[new.strip("-")] = value
+
+    return click.option(old, type=kind, default=None, hidden=True, expose_value=False,
+                        help=f"the spelling of version 0.1 of {new}",
+                        callback=warn)
+
+
+def _prefer_other_spelling(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Return the value of another option for the same parameter, if that was given.
+
+    click calls the options of the command line first, then those with their default values.
+    """
+    return context.meta.get(str(parameter.name), value)
+
+
+class PageOption(click.Option):
+    """``--html FILE``; without a file, as in version 0.1, it gives ``Path()``, with a notice."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **{**kwargs, "is_flag": False, "flag_value": "", "metavar": "FILE",
+                                   "type": PageFile(), "help": HTML_HELP})
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        super().add_to_parser(parser, ctx)
+        option = parser._long_opt[self.opts[0]]
+        process = option.process
+
+        def process_page(value: Any, state: Any) -> None:
+            # What follows --html and is no page is the next argument.
+            if isinstance(value, str) and not value.lower().endswith((".html", ".htm")):
+                state.rargs.insert(0, value)
+                value = ""
+            process(value, state)
+
+        option.process = process_page
+
+
+class PageFile(OutputFile):
+    """Path of a page; ``Path()`` for the empty text of ``--html`` without a file."""
+
+    def __init__(self) -> None:
+        super().__init__(".html", ".htm")
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Path:
+        if value == "":
+            show_notices(("--html takes a file since version 0.2: --html FOLDER/index.html",))
+            return Path()
+        return super().convert(value, param, ctx)
 
 
 def full_option(command: CommandT) -> CommandT:

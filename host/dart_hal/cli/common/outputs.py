@@ -65,22 +65,35 @@ class PlotFile(OutputFile):
         return super().convert(value, param, ctx)
 
 
-class PlotFolder(click.Path):
-    """Path of a folder for pictures, created if it does not exist; needs matplotlib."""
+class OutputFolder(click.Path):
+    """Path of a folder for several files; checks that it can be written."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path, file_okay=False)
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> Path:
-        check_matplotlib()
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         check_writable(path)
+        if path.is_dir() and any(path.iterdir()):
+            show_notices((f"files in {path} of the same names are replaced",))
         return path
 
 
+class PlotFolder(OutputFolder):
+    """Path of a folder for pictures, created if it does not exist; needs matplotlib."""
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Path:
+        check_matplotlib()
+        return super().convert(value, param, ctx)
+
+
 class PlotFileOrFolder(click.Path):
-    """Path of one picture if it has such a suffix, else a folder for all; needs matplotlib."""
+    """Path of one picture if it has such a suffix; needs matplotlib.
+
+    Else it is a folder for all pictures, as in version 0.1, with a notice.
+    """
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -96,6 +109,7 @@ class PlotFileOrFolder(click.Path):
                              expected=f"a name that ends in {suffixes}, or a folder",
                              remedy=f"write {path.with_suffix(FIGURE_FORMATS[0])} "
                                     f"or {path.parent}/")
+        show_notices((f"--plot takes a file; write --plots {path} for a folder of pictures",))
         return PlotFolder().convert(value, param, ctx)
 
 

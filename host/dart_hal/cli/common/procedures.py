@@ -30,6 +30,7 @@ from dart_hal.cli.common.options import (
     json_option,
     lidar_option,
     map_option,
+    plot_option,
 )
 from dart_hal.cli.common.output import (
     console,
@@ -40,7 +41,6 @@ from dart_hal.cli.common.output import (
     results,
     show_notices,
 )
-from dart_hal.cli.common.outputs import PlotFile
 from dart_hal.cli.common.session import load_map
 from dart_hal.core.config import CarFiles, check_writable
 from dart_hal.core.plugins import load_plugin
@@ -105,7 +105,7 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
     if procedure.lidar:
         command = map_option(lidar_option(command))
     if procedure.plot is not None:
-        command = click.option("--plot", type=PlotFile(), help=procedure.plot_help)(command)
+        command = plot_option(procedure.plot_help)(command)
     for option in reversed(procedure.options):
         command = _click_option(option)(command)
     if procedure.fit is not None:
