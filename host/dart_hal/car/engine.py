@@ -18,6 +18,7 @@ from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from dart_hal.car.battery import BatteryMonitor, RecordedBattery
 from dart_hal.car.camera import CarCamera
 from dart_hal.car.driver import Driver
 from dart_hal.car.facts import BEAT_LIMIT, STALE_LINK_TIME
@@ -80,6 +81,11 @@ class Engine:
                       else CarLidar(backend.lidar, mount_of(files), lambda: self.lock))
         self.camera = (None if backend.camera is None
                        else CarCamera(backend.camera, lambda: self.lock))
+        self.battery: BatteryMonitor | RecordedBattery | None = None
+        if backend.battery:
+            self.battery = RecordedBattery(backend.battery)
+        elif backend.bus is not None and files.config.battery is not None:
+            self.battery = BatteryMonitor(backend, files.config.battery)
         self.localiser = localiser_of(backend, self.lidar)
         self.guard: ObstacleGuard | None = None
         self.listeners: list[Callable[[State], None]] = []
@@ -145,6 +151,10 @@ class Engine:
                 self.hooks.rx(data, t), t, self.pin_values)]
             if self.localiser is not None:
                 self.localiser.add_states(states)
+            if self.battery is not None:
+                if isinstance(self.battery, RecordedBattery):
+                    self.battery.reach(t)
+                states = [replace(state, battery=self.battery.voltage) for state in states]
             if self.lidar is not None:
                 states = self.lidar.take(states, t, self.now)
             if self.guard is not None and states:
@@ -191,6 +201,8 @@ class Engine:
 
         A thread that holds the lock for longer than a PWM frame is not waited for.
         """
+        if isinstance(self.battery, BatteryMonitor):
+            self.battery.close()
         held = self._own_lock.acquire(timeout=PWM_FRAME)
         try:
             now = self.now
@@ -237,6 +249,15 @@ class Engine:
             self.driver.heartbeat(now)
             self._send_inquiries(now)
         self._record(now, applied)
+        if isinstance(self.battery, BatteryMonitor):
+            self._read_battery(self.battery, now)
+
+    def _read_battery(self, battery: BatteryMonitor, now: float) -> None:
+        """Read the voltage after the pulses, record it, and limit the throttle of later frames."""
+        voltage = battery.update(now)
+        self.driver.actuator.set_battery_cap(battery.cap)
+        if self.writer is not None and voltage is not None:
+            self.writer.battery(now, voltage)
 
     def _record(self, now: float, applied: Applied) -> None:
         """Record what the pins carry from ``now`` on, if it has changed."""

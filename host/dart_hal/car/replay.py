@@ -222,4 +222,5 @@ def open_replay(url: Url) -> Backend:
         measured={n: t for n, t in recording.files.items() if n != "car.toml"},
         notices=recording.notices, poses=ReplayPoses(recording, poses) if poses else None,
         lidar=ReplaySource("scans", recording, scan, scans) if scan else None,
-        camera=ReplaySource("images", recording, image, images) if image else None)
+        camera=ReplaySource("images", recording, image, images) if image else None,
+        battery=tuple(recording.battery()))

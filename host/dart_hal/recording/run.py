@@ -6,6 +6,7 @@ Channels:
 - ``/command``: requested commands; ``/applied``: pulses at the pins;
 - ``/log/...``: values that the program logged;
 - ``/external_pose``: poses of a motion capture or another external source, if any;
+- ``/battery``: voltage of the battery, NaN from when it is no longer measured, if any;
 - ``/scan``: revolutions of a lidar, ``/camera/image/compressed``: images of a camera, if any.
 
 Attachments have the identity of the car (HELLO), its files, the URL and the versions. Messages are
@@ -57,6 +58,7 @@ _NUMBER = "std_msgs/msg/Float64"
 _NUMBERS = "std_msgs/msg/Float64MultiArray"
 _POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _SCANS = ("/scan", "dart_msgs/msg/LidarScan")
+_BATTERY = ("/battery", _NUMBER)
 _IMAGES = ("/camera/image/compressed", "sensor_msgs/msg/CompressedImage")
 _I2C = Struct("<BHH")  # address, bytes written, bytes read
 
@@ -159,6 +161,12 @@ class RunWriter:
         with self._lock:
             if not self._closed:
                 self._add_to(*_SCANS, cdr.encode_scan(scan), scan.arrival)
+
+    def battery(self, t: float, voltage: float) -> None:
+        """Write a voltage [V], NaN if it is lost; a run without a sensor has no channel."""
+        with self._lock:
+            if not self._closed:
+                self._add_to(*_BATTERY, cdr.encode_number(voltage), t)
 
     def image(self, image: Image) -> None:
         """Write an image of the camera at its arrival; a run without one has no channel."""
@@ -358,6 +366,10 @@ class RunReader:
     def scans(self) -> Iterator[Scan]:
         """Return the revolutions of the lidar, as received, in order of arrival."""
         return self._decode({_SCANS[0]: lambda t, data: cdr.decode_scan(data, t)})
+
+    def battery(self) -> Iterator[tuple[float, float]]:
+        """Return the readings of the battery in order: time [s], V (NaN: it was lost)."""
+        return self._decode({_BATTERY[0]: lambda t, data: (t, cdr.decode_number(data))})
 
     def images(self) -> Iterator[Image]:
         """Return the images of the camera in order of arrival."""

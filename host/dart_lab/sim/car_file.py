@@ -17,6 +17,8 @@ TYRE_STD = 0.003
 # Relative error of the clock measurement: a logic analyser's crystal.
 CLOCK_STD = 1e-4
 
+# The table of a car whose battery is measured.
+BATTERY_TABLE = "\n[battery]\ncells = 2\n"
 _CAR_TOML = """\
 schema = "dart-hal/car/1"
 name = "{name}"

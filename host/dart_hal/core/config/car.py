@@ -151,6 +151,25 @@ class Lidar(FileTable, frozen=True, kw_only=True):
     scale: float = 1.0
 
 
+class BatteryConfig(FileTable, frozen=True, kw_only=True):
+    """The INA219 that measures the battery, on the bus of the PCA9685; without the table, none.
+
+    ``cells`` in series. Voltages of a cell [V]: below ``warn_cell`` a warning, below ``limit_cell``
+    the throttle is limited to ``limited_throttle``.
+    """
+
+    # The board of a JetRacer. A bare module has 0x40, the address of the PCA9685.
+    address: int = 0x41
+    # Two LiPo or Li-ion cells, as in the cars that have this board.
+    cells: int = 2
+    # A cell under a small load has a tenth of its charge left.
+    warn_cell: float = 3.5
+    # A cell is damaged below 3.0 V; 0.3 V are left for the sag of a last acceleration.
+    limit_cell: float = 3.3
+    # Enough to drive home.
+    limited_throttle: float = 0.2
+
+
 class CommandLimits(FileTable, frozen=True, kw_only=True):
     """Limits of a command: steering [rad], throttle, speed [m/s], slew rates [1/s].
 
@@ -198,6 +217,7 @@ class CarConfig(FileTable, frozen=True, kw_only=True):
     pwm: Pwm = Pwm()
     imu: ImuConfig = ImuConfig()
     lidar: Lidar = Lidar()
+    battery: BatteryConfig | None = None
     limits: CommandLimits = CommandLimits()
     priorities: Priorities = Priorities()
     safety: Safety = Safety()
@@ -214,6 +234,7 @@ def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig
     _check_geometry(car, origin)
     _check_actuators(car, origin)
     _check_limits(car, origin)
+    _check_battery(car, origin)
     encoder = car.encoder
     check_std(encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
     low, high = METRES_PER_EDGE_RANGE
@@ -280,6 +301,18 @@ def _check_actuators(car: CarConfig, origin: str) -> None:
     require(40 <= pwm.frequency <= 400, origin, "pwm.frequency", pwm.frequency, "40 to 400 Hz")
     require(esc.arm_neutral >= 0 and esc.stop_ramp >= 0, origin, "throttle.arm_neutral",
             esc.arm_neutral, ">= 0 s")
+
+
+def _check_battery(car: CarConfig, origin: str) -> None:
+    battery = car.battery
+    if battery is None:
+        return
+    # The pins A0 and A1 of an INA219 select one of sixteen addresses.
+    require(0x40 <= battery.address <= 0x4f and battery.address != car.pwm.address, origin,
+            "battery.address", f"{battery.address} = {battery.address:#04x}",
+            "0x40 to 0x4f, another one than that of the PCA9685")
+    require(battery.limit_cell <= battery.warn_cell, origin, "battery.limit_cell",
+            battery.limit_cell, f"at most warn_cell = {battery.warn_cell:g} V")
 
 
 def _check_limits(car: CarConfig, origin: str) -> None:

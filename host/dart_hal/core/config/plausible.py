@@ -41,6 +41,10 @@ CAR_RANGES: Mapping[str, Range] = {
     "imu.y": (-10.0, 10.0, "m"),
     "lidar.y": (-10.0, 10.0, "m"),
     "lidar.mount_yaw": (-tau, tau, "rad; are these degrees?"),
+    "battery.cells": (1, 6, ""),
+    "battery.warn_cell": (2.5, 4.2, "V of one cell"),
+    "battery.limit_cell": (2.5, 4.2, "V of one cell"),
+    "battery.limited_throttle": (0.0, 1.0, ""),
     "limits.max_speed": (1e-3, 100.0, "m/s"),
     "limits.steering_slew": (1e-6, 1e6, "1/s"),
     "limits.throttle_slew": (1e-6, 1e6, "1/s"),
@@ -83,7 +87,7 @@ def check_ranges(thing: Any, ranges: Mapping[str, Range], origin: str) -> None:
     """Raise ConfigError at the first number of a file that is out of its range."""
     for key, (low, high, unit) in ranges.items():
         table, _, name = key.partition(".")
-        entry = getattr(getattr(thing, table), name)
+        entry = getattr(getattr(thing, table), name, None)
         for number in _numbers(entry):
             require(low <= number <= high, origin, key, number,
                     f"{low:g} to {high:g} {unit}".rstrip())

@@ -38,6 +38,7 @@ class Limit(TextEnum):
     VALIDITY: the command is valid for less than its ``valid_for``: 0.5 s, or 0.2 s if raw.
     PULSES_OFF: servo and ESC have no pulses, because no State shows whether the car moves, or
     because it accelerated at neutral (MOVES_AT_NEUTRAL).
+    BATTERY: the battery is low, and the throttle is limited.
     OBSTACLE: an obstacle is nearer than ``guard_distance`` allows, or no scan shows a free path.
     A command that a source of higher priority overrides has the string ``"OVERRIDDEN(name)"``.
     """
@@ -55,6 +56,7 @@ class Limit(TextEnum):
     VALIDITY = "VALIDITY"
     PULSES_OFF = "PULSES_OFF"
     OBSTACLE = "OBSTACLE"
+    BATTERY = "BATTERY"
 
 
 class Doubt(TextEnum):
@@ -331,7 +333,8 @@ class State:
     signed, and its standard deviation; yaw_rate [rad/s], accel_x, accel_y [m/s2] in body axes
     (None while the IMU is not valid); ticks: encoder edges since boot, unwrapped; external: pose
     by external poses (None: no source); scan: newest complete revolution of the lidar, image:
-    newest image of the camera (None: none yet).
+    newest image of the camera (None: none yet); battery [V]: newest reading of its voltage (None:
+    no sensor, or it does not answer).
     """
 
     t: float
@@ -348,6 +351,7 @@ class State:
     external: External | None = None
     scan: Scan | None = None
     image: Image | None = None
+    battery: float | None = None
 
     @property
     def estimate(self) -> MotionEstimate:
@@ -382,6 +386,8 @@ class State:
         yield "throttle", f"{applied.throttle:.3f}, {applied.throttle_us:.0f} us"
         yield "limited", ", ".join(map(str, applied.limited)) or "no"
         yield "doubts", ", ".join(sorted(health.doubts)) or "none"
+        if self.battery is not None:
+            yield "battery", f"{self.battery:.2f} V"
         yield "frames", f"number {self.seq}, {health.lost} lost, {health.skipped} skipped"
 
     def __repr__(self) -> str:

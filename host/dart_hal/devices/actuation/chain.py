@@ -197,6 +197,10 @@ class Actuator:
     def throttle_cap(self, cap: float | None) -> None:
         self._planner.throttle_cap = cap
 
+    def set_battery_cap(self, cap: float | None) -> None:
+        """Limit |throttle| from the next frame on because the battery is low; None = no limit."""
+        self._planner.battery_cap = cap
+
     def set_obstacle(self, obstacle: bool) -> None:
         """Withhold forward throttle from the next frame on, or pass it again."""
         self._planner.obstacle = obstacle

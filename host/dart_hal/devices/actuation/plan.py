@@ -77,7 +77,7 @@ class Planner:
 
     ``demand``: of the supervisor's state; ``angle`` [rad], ``throttle``: of the last frame, from
     which the slew limits start; ``latched``: tripped, neutral until the state is no longer live;
-    ``obstacle``: no forward throttle.
+    ``obstacle``: no forward throttle; ``battery_cap``: largest |throttle| of a low battery.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
@@ -86,6 +86,7 @@ class Planner:
         self.arbiter = Arbiter(car.priorities.sources)
         self.raw: RawPulses | None = None
         self.throttle_cap: float | None = None
+        self.battery_cap: float | None = None
         self.obstacle = False
         self.latched = False
         self.angle = self.throttle = 0.0
@@ -175,6 +176,8 @@ class Planner:
             # At once, without a slew limit.
             driven = min(driven, 0.0)
             why.append(Limit.OBSTACLE.value)
+        if self._exceeds_battery(target):
+            why.append(Limit.BATTERY.value)
         if (throttle, bounded) != (target, angle):
             why.append(Limit.RANGE.value)
         if (turned, driven) != (bounded, throttle):
@@ -193,10 +196,14 @@ class Planner:
         ramp = self._car.throttle.stop_ramp
         return limit_slew(0.0, self.throttle, 1.0 / ramp if ramp > 0 else None, dt)
 
+    def _exceeds_battery(self, throttle: float) -> bool:
+        """Return whether a low battery does not allow a throttle."""
+        return self.battery_cap is not None and abs(throttle) > self.battery_cap
+
     def _throttle_range(self) -> tuple[float, float]:
-        """Return the limits of the throttle, with those of a lost encoder and of an obstacle."""
+        """Return the limits of the throttle, also of encoder, battery and obstacle."""
         limits = self._car.limits
-        cap = 1.0 if self.throttle_cap is None else self.throttle_cap
+        cap = min((c for c in (self.throttle_cap, self.battery_cap) if c is not None), default=1.0)
         return (max(limits.min_throttle, -cap),
                 min(limits.max_throttle, cap, 0.0 if self.obstacle else 1.0))
 
@@ -224,6 +231,9 @@ class Planner:
         if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):
             why.append(Limit.RANGE.value)
         span = self._car.throttle.span_us
+        if not self.demand.full_range and self._exceeds_battery(
+                (self.raw.throttle_us - self._neutral_us) / span):
+            why.append(Limit.BATTERY.value)
         target = (bounded - self._neutral_us) / span
         throttle = limit_slew(target, self.throttle, self._car.limits.throttle_slew, dt)
         if self.obstacle and not self.demand.full_range and (

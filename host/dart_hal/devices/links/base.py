@@ -39,6 +39,7 @@ class Backend:
     ``workshop``: answers the questions of a calibration; None = the user answers them.
     ``poses``, ``lidar``, ``camera``: external poses, scans and images of the backend;
     ``cameras``: its cameras by name, opened by ``camera=NAME``.
+    ``battery``: readings of its voltage (time [s], V) in a recording.
     ``contacts``: contacts so far in a world of several cars.
     """
 
@@ -60,6 +61,7 @@ class Backend:
     lidar: ScanSource | None = None
     camera: ImageSource | None = None
     cameras: Mapping[str, Callable[[], ImageSource]] = field(default_factory=dict)
+    battery: tuple[tuple[float, float], ...] = ()
     contacts: Callable[[], tuple[Contact, ...]] = tuple
 
     def close(self) -> None:

@@ -53,6 +53,7 @@ def status_message(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str
             "frame": state.estimate.frame, "tracking": str(state.estimate.tracking),
             "limited": list(state.applied.limited), "doubts": sorted(health.doubts),
             "flags": sorted(health.flags), "vcc": health.vcc,
+            "battery": state.battery and round(state.battery, 2),
             "us": [round(state.applied.steering_us, 1), round(state.applied.throttle_us, 1)],
             "link": {"lost": timing.lost, "damaged": timing.damaged,
                      "age_ms": round(1e3 * timing.link_age, 1)},

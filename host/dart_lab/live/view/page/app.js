@@ -96,6 +96,7 @@
       "frame": `${s.frame}, ${s.tracking}`, "limited": s.limited.join(", ") || "-", "doubts": s.doubts.join(", ") || "-",
       "link": `${s.link.age_ms} ms, ${s.link.lost} lost, ${s.link.damaged} damaged`,
       "loop": `p99 ${s.loop.p99_ms ?? "-"} ms, ${s.loop.late} late`, "pages": s.pages,
+      ...(s.battery === null ? {} : { "battery": format(s.battery, 2, "V") }),
     });
   }
   function showProblems(list) {
@@ -114,7 +115,7 @@
     if (!isDriver) $("take").disabled = s.driven;
     $("arm").disabled = !isDriver || mode !== "DISARMED";
     $("unlock").hidden = !isDriver || mode !== "LOCKED";
-    $("link").textContent = `${s.link.age_ms} ms, ${s.pages} page${s.pages === 1 ? "" : "s"}`;
+    $("link").textContent = `${s.link.age_ms} ms, ${s.pages} page${s.pages === 1 ? "" : "s"}${s.battery === null ? "" : `, ${format(s.battery, 1, "V")}`}`;
     if (s.frame !== frame) { frame = s.frame; Floor.map(maps[frame] || maps[""] || []); }
     showNumbers(s);
     Camera.status(s.camera, s.t);

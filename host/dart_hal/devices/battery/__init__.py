@@ -1,0 +1,1 @@
+"""Sensors of the battery on the computer's I2C bus."""
