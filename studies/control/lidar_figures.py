@@ -198,7 +198,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     """
     world, room, rows = world_of(backend), room_of_car(backend), []
     unit, trail, others = backend.lidar.unit, world.trail, []
-    unit._room = moved(room, seed)
+    unit.set_room(moved(room, seed))
     if path is not None:
         x, y, yaw, _ = path.interpolate(0.5 * path.length)
         place = enter_arena(Url.parse(f"sim://?world=hall-{seed}&at={x},{y},{yaw}"), "other")

@@ -31,9 +31,9 @@ class Approach:
         backend = open_backend(ROOM_URL.replace("lidar=1", f"lidar={lidar}"))
         self.world = world_of(backend)
         # A wall ahead and one far behind, in place of the room.
-        backend.lidar.unit._room = RoomMap("wall", np.vstack((
-            polyline(np.array([(WALL, -3.0), (WALL, 3.0)])),
-            polyline(np.array([(-6.0, -3.0), (-6.0, 3.0)])))), np.zeros((0, 4)), (0.0, 0.0, 0.0))
+        walls = [polyline(np.array([(x, -3.0), (x, 3.0)])) for x in (WALL, -6.0)]
+        backend.lidar.unit.set_room(
+            RoomMap("wall", np.vstack(walls), np.zeros((0, 4)), (0.0, 0.0, 0.0)))
         if change is not None:
             change(backend)
         self.pulses = []

@@ -45,7 +45,6 @@ class LidarUnit:
     def __init__(self, poses: Poses, room: RoomMap, params: LidarParams, seed: int) -> None:
         self.others: list[Others] = []
         self._poses = poses
-        self._room = room
         self._params = params
         self._period = params.model.sample_period
         self._byte_time = 10 / params.model.bauds[0]
@@ -53,13 +52,18 @@ class LidarUnit:
         self._noise = np.random.default_rng([seed, 512])
         self._line = np.random.default_rng([seed, 513])
         self._cast_moving = fastest_cast()
-        self._lines = LineIndex(room.lines)
-        self._glass = LineIndex(room.glass)
+        self.set_room(room)
         self._sample = self._turns = 0
         self._line_free = self._arrived = 0.0
         self._turn_end = 0.0
         self._batch = self._next_turn()
         self._sent: deque[tuple[bytes, float]] = deque()
+
+    def set_room(self, room: RoomMap) -> None:
+        """Put the unit into another room."""
+        self._room = room
+        self._lines = LineIndex(room.lines)
+        self._glass = LineIndex(room.glass)
 
     @property
     def model(self) -> LidarModel:
