@@ -77,6 +77,17 @@ def test_view_of_a_recording_without_websockets_names_the_command(monkeypatch, c
     assert "websockets>=15" in message.replace("\n", " ")
 
 
+def test_address_without_segno_is_text_with_the_command(monkeypatch, capsys):
+    from dart_hal.cli.common.page_address import print_page_address
+
+    monkeypatch.setitem(sys.modules, "segno", None)
+    print_page_address(("http://10.0.0.2:8642/#token",), lan=True, as_json=False)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "http://10.0.0.2:8642/#token"
+    assert sum("segno" in line for line in lines) == 1
+    assert "pip install" in lines[-1]
+
+
 def test_no_message_names_a_package_that_is_on_no_index():
     """`pip install 'dart-hal[view]'` fetched nothing, or another Python's package."""
     host = Path(__file__).resolve().parents[1] / "host"

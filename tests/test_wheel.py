@@ -200,8 +200,11 @@ def test_it_drives_with_every_python_of_this_machine(uv, wheel, tmp_path, python
     program = readme.partition("```python\n")[2].partition("```")[0]
     assert "from dart_hal import Car, Pursuit, figure_of_eight" in program
     done(programs / "python", "-c", program, cwd=tmp_path, DART_HAL_URL="sim://?nano=mock")
-    refused = run(programs / "dart-hal", "view", "--url", "sim://?nano=mock", cwd=tmp_path)
-    assert "websockets" in refused.stderr, "what is not installed is named"
+    # The live page is in the base install.
+    done(programs / "python", "-c", "import dart_lab.live.view.serve", cwd=tmp_path)
+    refused = run(programs / "dart-hal", "follow", "oval", "--speed", "1", "--plot", "a.png",
+                  cwd=tmp_path)
+    assert "matplotlib" in refused.stderr, "what is not installed is named"
     assert "pip install" in refused.stderr
 
 

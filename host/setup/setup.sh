@@ -13,7 +13,7 @@ usage: sh host/setup/setup.sh [options]      as the user who will drive, without
   --dry-run     print every command and every file, change nothing
   --check       look at this computer only
   --car NAME    the car whose files are used; made from the example if it is new
-  --with LIST   extras of the package: view (live page), map, camera, fleet, ros, table, ...
+  --with LIST   extras of the package: view (QR code), map, camera, fleet, ros, table, ...
                 (default: view,map)
   --i2c N       number of the I2C bus with the PCA9685 (default: that of header pins 3 and 5)
   --ft232       the Nano has an FT232 bridge: neither ch341 nor brltty matter

@@ -10,6 +10,7 @@ import click
 
 from dart_hal.car.viewers import VIEWER_PORT
 from dart_hal.cli.common.output import console, print_json
+from dart_hal.core.process.extras import install_command
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
@@ -24,17 +25,24 @@ def lan_option(command: CommandT) -> CommandT:
 
 
 def print_page_address(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
-    """Print the addresses of a page; with lan also as a QR code, with as_json as one object."""
+    """Print the addresses of a page; with lan also as a QR code, with as_json as one object.
+
+    The code needs the package segno; without it, a line says how to install it.
+    """
     if as_json:
         print_json({"urls": list(urls)})
         return
     for url in urls:
         console.print(url, markup=False, highlight=False, soft_wrap=True)
     if lan:
-        import segno
-
         if "#" in urls[0]:
             console.print("everyone with this address can drive the car", style="yellow")
+        try:
+            import segno
+        except ImportError:
+            console.print(f"a QR code of it needs segno: {install_command('segno')}", markup=False,
+                          highlight=False, soft_wrap=True)
+            return
         code = StringIO()
         segno.make(urls[0], micro=False).terminal(out=code, compact=True)
         console.print(code.getvalue(), markup=False, highlight=False, soft_wrap=True)
