@@ -89,6 +89,9 @@ COMMAND_SOURCE = "follow"
               help="dead reckoning by wheels and gyro, from the pose of the car; drifts")
 @click.option("--lane", type=FiniteNumber(0.05, 5.0), default=DEFAULT_HALF_WIDTH, show_default=True,
               help="largest offset from the path, m; the car stops beyond it")
+@click.option("--careful/--no-careful", default=None,
+              help="begin bends slowly, faster as the model is confirmed; default: without "
+                   "model.toml")
 @drive_options
 @plot_option("the path and the driven line")
 @waive_option
@@ -99,7 +102,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
             profile: bool, tracker: str | None, weights: str | None, discs: tuple[Disc, ...],
             room: str | None, room_key: Path | None, compiled: bool, laps: int,
             half_width: float | None, reverse: bool, here: bool, odometry: bool, lane: float,
-            duration: float | None, record: Path | None, plot: Path | None,
+            careful: bool | None, duration: float | None, record: Path | None, plot: Path | None,
             waive: tuple[str, ...], poses: str | None, lidar: str | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
@@ -115,6 +118,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     track = track_named(path).reversed() if reverse else track_named(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with open_car(url, car_name, cars, record, poses, lidar) as car:
+        rules = replace(rules, careful=not car.files.model if careful is None else careful)
         follower = make_follower(car, track, speed or inf, make, rules, half_width)
         summary = RunSummary(car)
         with (nullcontext() if room is None else join(car, room, room_key=room_key)) as member:
@@ -193,7 +197,8 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
     slowest = int(np.argmin(follower.profile.speed[1:])) + 1
     v = float(follower.profile.speed[slowest])
     warnings = [] if car.files.model else [
-        "the car has no model.toml: the steering and delay model of the paper is used"]
+        "the car has no model.toml: the steering and delay model of the paper is used"
+        + (", and bends begin slowly (--no-careful: at once)" if rules.careful else "")]
     if v < cap < inf and speed < inf and track.closed:
         warnings.append(f"{cap:g} m/s is too fast for the tightest bend: the car slows down to "
                         f"{v:.2f} m/s at {track.s[slowest]:.1f} m")

@@ -22,6 +22,7 @@ from dart_hal.control.lap import CRAWL_SPEED, SpeedProfile, speed_profile
 from dart_hal.control.on_path import Tracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
+from dart_hal.control.speed_ramp import SpeedRamp
 from dart_hal.control.stopping import REST_SPEED, ROLL_DECELERATION, STOP_DECELERATION, STUCK_TIME
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
@@ -57,7 +58,7 @@ class Rules:
 
     laps: of a closed path (an open one ends by itself); duration [s]: from its first motion on;
     lane [m]: to either side; odometry: dead reckoning is accepted; here: the path begins at the
-    car.
+    car; careful: bends begin slowly, see ``SpeedRamp``.
     """
 
     laps: float = 1.0
@@ -65,6 +66,7 @@ class Rules:
     lane: float = DEFAULT_HALF_WIDTH
     odometry: bool = False
     here: bool = False
+    careful: bool = False
 
 
 class Follower(Ending):
@@ -108,6 +110,7 @@ class Follower(Ending):
         self.tracker = self._make(path, plant)
         self.begun_at = 0.0
         self.driven = DriveRecord()
+        self.ramp = SpeedRamp() if self.rules.careful else None
         self._t0: float | None = None
         self._has_moved = False
         self._located_t = self._lap_t = self._join_distance = 0.0
@@ -138,6 +141,11 @@ class Follower(Ending):
             self._located_t = t
         steering = self.tracker.steer(motion)
         self._check_end(motion)
+        if self.ramp and self.phase is Phase.FOLLOWING:
+            s = self.tracker.s
+            limit = max(self.profile.speed_at(s), CRAWL_SPEED)
+            self.ramp.update(t, s, motion.speed / limit, self.tracker.offset / self.rules.lane,
+                             self.tracker.angle_error)
         speed = self._target_speed(motion)
         pose = motion.pose
         self.driven.add(t, pose.x, pose.y, self.tracker.offset, motion.speed, speed,
@@ -272,7 +280,8 @@ class Follower(Ending):
         """Return the target speed [m/s] at an arc length [m]."""
         if self.phase is Phase.STOPPING:
             return self._speed
-        return max(min(self.profile.speed_at(s), self.cap, self.free), CRAWL_SPEED)
+        speed = self.profile.speed_at(s) * (self.ramp.factor if self.ramp else 1.0)
+        return max(min(speed, self.cap, self.free), CRAWL_SPEED)
 
     def _target_speed(self, motion: MotionEstimate) -> float:
         """Return the speed to command [m/s]."""

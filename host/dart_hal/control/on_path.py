@@ -16,8 +16,9 @@ class Tracker(Protocol):
     """A steering controller for a path.
 
     s [m]: arc length of the closest point, grows over laps; offset [m]: of the car to its left;
-    speed [m/s]: limit of this tracker; why: set if it cannot continue, it then steers until the car
-    is at rest; plan_log: new values of its plan, for ``car.log``.
+    speed [m/s]: limit of this tracker; angle_error [rad]: of the steering, learnt so far; why: set
+    if it cannot continue, it then steers until the car is at rest; plan_log: new values of its
+    plan, for ``car.log``.
 
     May be set: pace, the target speed [m/s] at an arc length; clock [s], which runs while a tracker
     computes (virtual time does not).
@@ -30,6 +31,10 @@ class Tracker(Protocol):
     plan_log: dict[str, FloatArray]
     pace: Callable[[float], float]
     clock: Callable[[], float]
+
+    @property
+    def angle_error(self) -> float:
+        """See the class."""
 
     def begin(self, s: float) -> None:
         """Start near arc length s [m] and forget earlier commands."""
@@ -56,6 +61,11 @@ class PathTracker(ABC):
         """See ``Tracker``."""
         self.s = s
         self._prediction.reset()
+
+    @property
+    def angle_error(self) -> float:
+        """See ``Tracker``."""
+        return self._prediction.angle_error
 
     @abstractmethod
     def steer(self, motion: MotionEstimate) -> float:

@@ -176,6 +176,11 @@ class MotionPrediction:
         """Return the angle [rad] to command so that the wheels reach ``angle``."""
         return angle - self.bias
 
+    @property
+    def angle_error(self) -> float:
+        """Error [rad] of the steering angle that was learnt, at the present servo position."""
+        return self.wheel_angle(self._servo) - self.plant.angle_of(self._servo)
+
     def record_command(self, t: float, angle: float) -> None:
         """Record a command: an angle [rad] at t [s], which acts one transport delay later."""
         self._queue.append((t + self.plant.delay.transport, self.plant.command_of(angle)))

@@ -1,0 +1,70 @@
+"""Drives of cars whose model is 20 to 30 % off: how many leave the lane, careful or not.
+
+    python -m studies.control.wrong_models --cases 20 --tracker lqr --speed 2 --seed 79
+
+Mass, inertia, friction, motor and tyres of each car differ from the model that the tracker knows,
+each by a random amount to a random side. The light simulation drives two laps.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from dart_hal.control.follow import Follower, Rules
+from dart_hal.control.tracks import track_named
+from dart_hal.vehicle.flat import bind, values
+from dart_hal.vehicle.parameters import Vehicle
+from studies.control.light_follow import LATER, light_drive, plant_by
+
+VARIED = ("body.mass", "body.yaw_inertia", "friction.", "motor.", "tyres.")
+LAPS = 2
+DURATION = 60.0
+"""s at most for two laps."""
+
+
+def vary(p: Vehicle, low: float, high: float, rng: np.random.Generator) -> Vehicle:
+    """A vehicle with each varied parameter off by a share between ``low`` and ``high``."""
+    known = values(p)
+
+    def changed(name: str) -> float:
+        if not name.startswith(VARIED):
+            return known[name]
+        return known[name] * (1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+
+    return bind(p, changed)
+
+
+def drive_once(car: Vehicle, tracker: str, speed: float, *, careful: bool
+               ) -> tuple[float, list[float]]:
+    """(largest offset [m], lap times [s]) of a drive by the nominal model."""
+    follower = Follower(track_named("racetrack_vicon_2"), plant_by(LATER), speed, tracker,
+                        Rules(LAPS, careful=careful))
+    rows = light_drive(follower, car, seconds=DURATION)
+    return float(np.abs(rows[:, 3]).max()), follower.driven.lap_times
+
+
+def main() -> None:
+    """Print a line for each car and the counts."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--tracker", default="lqr")
+    parser.add_argument("--speed", type=float, default=2.0)
+    parser.add_argument("--seed", type=int, default=79)
+    parser.add_argument("--off", type=float, nargs=2, default=(0.2, 0.3))
+    given = parser.parse_args()
+    lane = Rules().lane
+    for careful in (False, True):
+        rng = np.random.default_rng(given.seed)
+        outside = 0
+        for k in range(given.cases):
+            offset, laps = drive_once(vary(LATER, *given.off, rng), given.tracker, given.speed,
+                                      careful=careful)
+            outside += offset > lane
+            print(f"  car {k}: {offset:.2f} m, laps", " ".join(f"{t:.1f}" for t in laps))
+        print(f"{'careful' if careful else 'at once'}: {outside} of {given.cases} outside")
+
+
+if __name__ == "__main__":
+    main()
