@@ -9,10 +9,10 @@ from pathlib import Path
 import dart_hal
 
 ROOT = Path(dart_hal.__file__).parents[1]
-ALLOWED = {f"dart_lab/{n}.py" for n in ("cli/sim", "cli/demo", "cli/view", "demo/map")}
+ALLOWED = {f"dart_lab/{n}.py" for n in ("cli/sim", "cli/class", "cli/demo", "cli/view", "demo/map")}
 SECRET = {f"dart_lab.sim.{n}" for n in (
-    "truth", "marking", "room_truth", "hidden", "world", "drawn", "true_car", "lidar.maps",
-    "lidar.params", "lidar.unit")}
+    "truth", "marking", "sealed", "classroom", "room_truth", "hidden", "world", "drawn",
+    "true_car", "lidar.maps", "lidar.params", "lidar.unit")}
 
 
 WAYS = re.compile(r"\bsim\b|_world\b|world_of\b")

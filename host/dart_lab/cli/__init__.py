@@ -14,6 +14,7 @@ VERBS = {
     "bridge": "let ROS drive a car by the topics of DART's own software",
     "view": "live page in a browser: watch a car, drive it, stop it; or play a recording",
     "sim": "serve the simulated car as a serial port, or print its true parameters",
+    "class": "set up hidden cars with tasks for a class of students, and mark them",
     "data": "import, check, repair or download recordings",
     "wire": "print the frame table; regenerate the files made from the specification",
 }
@@ -24,5 +25,5 @@ VERB_GROUPS = {
     "model": ("study", "identify", "evaluate", "diagnose"),
     "look": ("view", "report", "compare"),
     "data": ("data",),
-    "service": ("bridge", "sim", "wire"),
+    "service": ("bridge", "sim", "class", "wire"),
 }

@@ -17,6 +17,7 @@ from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
+from dart_lab.sim.classroom import read_class
 from dart_lab.sim.failures import parse_failure as parse_failure
 from dart_lab.sim.marking import format_marks, mark_car
 from dart_lab.sim.serve import BusServer, PacedWorld
@@ -42,6 +43,9 @@ POLL_PERIOD_S = 0.5
               default=None, metavar="CARS",
               help="with --reveal: mark what was measured, in a folder of cars: true value, "
                    "measured value, 90 % interval, inside or outside")
+@click.option("--lecturer", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              default=None, metavar="FILE",
+              help="with --reveal: the file of the class of a sealed car (dart-hal class)")
 @click.option("--pty", is_flag=True, help="serve the Nano as a serial port, in real time")
 @click.option("--bus", type=click.Path(path_type=Path), default=None,
               help="serve the I2C bus with the PCA9685 on this unix socket (with --pty)")
@@ -50,8 +54,8 @@ POLL_PERIOD_S = 0.5
 @cars_option
 @json_option
 def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple[str, ...],
-            show: bool, against: Path | None, pty: bool, bus: Path | None, link: Path | None,
-            cars: Path | None, as_json: bool) -> None:
+            show: bool, against: Path | None, lecturer: Path | None, pty: bool, bus: Path | None,
+            link: Path | None, cars: Path | None, as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
     Serving writes the car's file into the folder of the cars, so that other
@@ -74,11 +78,13 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
     if against is not None and not show:
         raise UsageError("--against marks by the truth", found="--against without --reveal",
                          expected="--reveal --against CARS")
+    # A sealed car of a class is revealed with the file of its lecturer alone.
+    secret = read_class(lecturer).secret if lecturer is not None else None
     # One of three tasks: mark measurements, print the truth, serve the car.
     if against is not None:
-        _mark(parsed, against, as_json)
+        _mark(parsed, against, secret, as_json)
     elif show:
-        _reveal(parsed, as_json)
+        _reveal(parsed, secret, as_json)
     else:
         _serve(parsed, bus, link, cars, as_json)
 
@@ -91,9 +97,9 @@ def _add_option(url: str, option: str, value: str | None) -> str:
     return f"{url}{'&' if '?' in url else '?'}{urlencode({option: value})}"
 
 
-def _reveal(url: Url, as_json: bool) -> None:
+def _reveal(url: Url, secret: bytes | None, as_json: bool) -> None:
     """Print the true parameters of a simulated car."""
-    truth = reveal_url(url)
+    truth = reveal_url(url, secret)
     if as_json:
         print_json(truth)
         return
@@ -125,9 +131,9 @@ def _reveal(url: Url, as_json: bool) -> None:
         results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
 
 
-def _mark(url: Url, cars: Path, as_json: bool) -> None:
+def _mark(url: Url, cars: Path, secret: bytes | None, as_json: bool) -> None:
     """Print the marking sheet of a simulated car."""
-    sheet = mark_car(url, [cars])
+    sheet = mark_car(url, [cars], secret)
     if as_json:
         print_json(sheet.to_json())
         return

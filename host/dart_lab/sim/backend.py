@@ -22,6 +22,7 @@ Options:
 - ``pace`` 1: real time, the world does not wait for the program
 - ``world``: a name, shared by cars of this process that see each other (``dart_lab.sim.arena``)
 - ``at`` X,Y,YAW: start pose in the room
+- ``sealed``: the token of a car of a class (``dart_lab.sim.sealed``)
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ from dart_lab.sim.world import World
 
 URL_OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot",
                "fail", "tick", "vehicle", "effect", "mocap", "lidar", "camera", "map", "pace",
-               "world", "at", "battery")
+               "world", "at", "battery", "sealed")
 
 
 def open_sim(url: Url) -> Backend:

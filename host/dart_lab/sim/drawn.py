@@ -11,6 +11,7 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import find_model
 from dart_lab.sim.hidden import HiddenCar, hidden_car
+from dart_lab.sim.sealed import SealedCar, sealed_in
 from dart_lab.sim.true_car import affects_mocap_only, apply_effects, replace_vehicle
 
 
@@ -35,6 +36,9 @@ def resolve_car(url: Url) -> ResolvedCar:
 
     Raises UsageError for bad options, ConfigError for a bad file or value.
     """
+    sealed = sealed_in(url)
+    if sealed is not None:
+        return _resolve_sealed(sealed)
     car = hidden_car(_parse_seed(url), parse_choice(url, "ring", "even", "hidden"))
     named = url.options.get("vehicle")
     p = None
@@ -48,6 +52,14 @@ def resolve_car(url: Url) -> ResolvedCar:
     notice = (f"effects on a motion capture are left out: {', '.join(ignored)} of {named}",)
     return ResolvedCar(car, apply_effects(car, effects, model), effects, model,
                  p.body if p else PAPER.body, renamed + (notice if ignored else ()))
+
+
+def _resolve_sealed(sealed: SealedCar) -> ResolvedCar:
+    """Return a sealed car: drawn like any other, under a name without its seed."""
+    drawn = hidden_car(sealed.seed)
+    car = replace(drawn, label=sealed.name, vehicle=replace(drawn.vehicle, name=sealed.name))
+    effects = parse_effects(sealed.effect)
+    return ResolvedCar(car, apply_effects(car, effects, "dynamic"), effects, "dynamic", PAPER.body)
 
 
 def _parse_physics(url: Url, default: str) -> tuple[str, tuple[str, ...]]:

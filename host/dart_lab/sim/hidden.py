@@ -9,6 +9,7 @@ calibration and control have to measure.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -54,7 +55,8 @@ class HiddenCar:
     ``wheel_mass`` [kg]: rotating parts as an equivalent mass at the tyres. Four wheels of 35 g are
     0.07, the motor's rotor of 1.5 g cm2 x 1000 behind a ratio of 9 is 0.22. ``drivetrain``: share
     of the friction that remains with the wheels off the ground. The rolling resistance of a rubber
-    tyre, 0.025 of its load, is a quarter of the paper's 1.72 N.
+    tyre, 0.025 of its load, is a quarter of the paper's 1.72 N. ``label``: name of a car whose seed
+    must stay hidden.
     """
 
     seed: int
@@ -70,15 +72,17 @@ class HiddenCar:
     brake_force: float = 8.0
     wheel_mass: float = 0.3
     drivetrain: float = 0.75
+    label: str = ""
 
     @property
     def name(self) -> str:
-        return f"sim-{self.seed}"
+        return self.label or f"sim-{self.seed}"
 
     @property
     def board_id(self) -> int:
         """Return the id in the EEPROM of the Nano."""
-        return 0xDA270000 | (self.seed & 0xFFFF)
+        number = zlib.crc32(self.label.encode()) if self.label else self.seed
+        return 0xDA270000 | (number & 0xFFFF)
 
 
 def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:

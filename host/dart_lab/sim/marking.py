@@ -38,6 +38,7 @@ from dart_lab.sim.backend import lidar_in_room, mocap_in_room
 from dart_lab.sim.car_file import car_toml
 from dart_lab.sim.drawn import ResolvedCar, resolve_car
 from dart_lab.sim.hidden import HiddenCar
+from dart_lab.sim.sealed import check_may_reveal
 from dart_lab.sim.true_car import TILT_EFFECTS
 from dart_lab.sim.truth import sensor_truth
 
@@ -60,7 +61,7 @@ CHANGED_BY_SIGNAL: Mapping[str, tuple[str, ...]] = {
     "accel": ("imu.",),
 }
 # Those that any other force on the car changes: they are measured while it drives.
-CHANGED_BY_FORCE = ("throttle.", "steering.", "latency.pulse_to", "model.")
+CHANGED_BY_FORCE = ("throttle.", "steering.", "latency.pulse_to", "imu.mount_yaw", "model.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +89,15 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class MarkingSheet:
-    """Marks of one car, and the measured quantities that effects of the car change."""
+    """Marks of one car, and the measured quantities that effects of the car change.
+
+    causes: names of the causes in its model, None without a model.
+    """
 
     car: str
     marks: tuple[Mark, ...]
     unmarked: tuple[str, ...]
+    causes: tuple[str, ...] | None = None
 
     @property
     def inside(self) -> int:
@@ -105,8 +110,12 @@ class MarkingSheet:
                 "marks": [{**asdict(mark), "inside": mark.inside} for mark in self.marks]}
 
 
-def mark_car(url: Url, cars: Folders) -> MarkingSheet:
-    """Mark the files of a simulated car in a folder of cars. Raises UsageError, ConfigError."""
+def mark_car(url: Url, cars: Folders, secret: bytes | None = None) -> MarkingSheet:
+    """Mark the files of a simulated car in a folder of cars. Raises UsageError, ConfigError.
+
+    secret: that of the class of a sealed car, which is refused without it.
+    """
+    check_may_reveal(url, secret)
     resolved = resolve_car(url)
     files = parse_car(car_toml(resolved.base, resolved.body), url.text, cars)
     calibration = files.calibration
@@ -129,7 +138,8 @@ def mark_car(url: Url, cars: Folders) -> MarkingSheet:
             marks.append(mark)
     if files.model is not None:
         marks += _mark_effects(resolved, files.model)
-    return MarkingSheet(files.config.name, tuple(marks), tuple(unmarked))
+    causes = _causes(files.model) if files.model is not None else None
+    return MarkingSheet(files.config.name, tuple(marks), tuple(unmarked), causes)
 
 
 def _changed_names(resolved: ResolvedCar) -> tuple[str, ...]:

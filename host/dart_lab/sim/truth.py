@@ -25,6 +25,7 @@ from dart_lab.sim.imu import ImuParams, rotation
 from dart_lab.sim.lidar.maps import RoomMap
 from dart_lab.sim.link import SimLink
 from dart_lab.sim.mock_nano import LATCH_TO_UART
+from dart_lab.sim.sealed import check_may_reveal
 from dart_lab.sim.servo import HORN_RAD_PER_US
 from dart_lab.sim.world import Truth, World
 
@@ -52,8 +53,10 @@ def reveal(seed: int | None, ring: str | None = None) -> dict[str, Any]:
     return _describe_car(hidden_car(seed, ring), ())
 
 
-def reveal_url(url: Url) -> dict[str, Any]:
+def reveal_url(url: Url, secret: bytes | None = None) -> dict[str, Any]:
     """Return the same for any ``sim://`` URL. Raises what opening it would raise.
+
+    secret: that of the class of a sealed car, which is refused without it.
 
     The steering angle is the middle of the backlash loop at pulse =
     center_us + span_us * command. Throttle figures are distances from
@@ -64,6 +67,7 @@ def reveal_url(url: Url) -> dict[str, Any]:
     ``LidarParams``, ``room``: name, lines, glass and start of a ``RoomMap``, None without a lidar.
     """
     url.known(*URL_OPTIONS)
+    check_may_reveal(url, secret)
     resolved = resolve_car(url)
     mocap = mocap_in_room(url, resolved.base.seed)
     revealed = _describe_car(resolved.base, resolved.effects)
