@@ -37,7 +37,7 @@ from dart_hal.core.errors import ConfigError, UsageError
 NAME_BYTES = 128
 NAME_REQUEST = 0x80006A13 | NAME_BYTES << 16
 # Shortest travel of an axis that answers a question, and distance from rest of a released one.
-MIN_TRAVEL = 0.5
+MIN_ANSWER_TRAVEL = 0.5
 MAX_REST_ERROR = 0.2
 # Time for each answer [s]; without a report for QUIET_S a pad is released.
 MAX_ANSWER_S = 30.0
@@ -185,7 +185,7 @@ def _ask_axis(watch: JoystickWatch, rest: dict[int, float], question: str,
         return max(watch.values, key=lambda number: abs(travel(number)))
 
     def is_answered() -> bool:
-        if not watch.values or abs(travel(farthest())) < MIN_TRAVEL:
+        if not watch.values or abs(travel(farthest())) < MIN_ANSWER_TRAVEL:
             return False
         number = farthest()
         return abs(watch.values[number] - rest.get(number, 0.0)) < MAX_REST_ERROR

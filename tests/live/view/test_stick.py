@@ -22,7 +22,7 @@ Object.defineProperty(navigator, 'getGamepads',
                       {{value: () => [null, window.pad], configurable: true}});
 """
 # Buttons of the standard layout.
-STOP, BRAKE, GAS, BUMPER = 1, 6, 7, 5
+PAD_STOP, PAD_BRAKE, PAD_GAS, PAD_BUMPER = 1, 6, 7, 5
 READ = "return Stick.read()"
 
 
@@ -60,46 +60,46 @@ def hold_pad(page, held, mapping="standard"):
 
 
 def test_a_gamepad_drives_while_its_bumper_is_held(page):
-    hold_pad(page, {BUMPER: 1})
+    hold_pad(page, {PAD_BUMPER: 1})
     assert page.run(READ) == pytest.approx([0.5, 0.0])
-    hold_pad(page, {BUMPER: 1, GAS: 0.8})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.8})
     assert page.run(READ) == pytest.approx([0.5, 0.8])
-    hold_pad(page, {BUMPER: 1, BRAKE: 0.6})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_BRAKE: 0.6})
     assert page.run(READ) == pytest.approx([0.5, -0.6])
-    hold_pad(page, {BUMPER: 1, GAS: 0.04})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.04})
     assert page.run(READ) == pytest.approx([0.5, 0.0]), "a worn trigger rests off its end"
-    hold_pad(page, {GAS: 0.8})
+    hold_pad(page, {PAD_GAS: 0.8})
     assert page.run(READ) is None, "control: no bumper"
 
 
 def test_a_trigger_counts_after_it_was_seen_at_rest(page):
-    hold_pad(page, {BUMPER: 1, GAS: 0.5})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.5})
     assert page.run(READ) == pytest.approx([0.5, 0.0])
-    hold_pad(page, {BUMPER: 1})
+    hold_pad(page, {PAD_BUMPER: 1})
     page.run(READ)
-    hold_pad(page, {BUMPER: 1, GAS: 0.5})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.5})
     assert page.run(READ) == pytest.approx([0.5, 0.5])
 
 
 def test_a_pad_without_the_standard_layout_is_refused(page):
-    hold_pad(page, {BUMPER: 1}, mapping="")
+    hold_pad(page, {PAD_BUMPER: 1}, mapping="")
     page.run(READ)
-    hold_pad(page, {BUMPER: 1, GAS: 0.8, STOP: 1}, mapping="")
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.8, PAD_STOP: 1}, mapping="")
     assert page.run(READ) is None
     assert page.run("return Stick.isStopPressed()") is False
     page.until('no standard layout for the gamepad "pad of the test"', "said")
     assert page.text("said").count("no standard layout") == 1
-    hold_pad(page, {STOP: 1})
+    hold_pad(page, {PAD_STOP: 1})
     assert page.run("return Stick.isStopPressed()") is True, "control: a standard pad"
 
 
 def test_a_stick_a_key_and_a_gamepad_that_report_nothing_grow_old(page):
-    hold_pad(page, {BUMPER: 1, GAS: 0.8})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.8})
     page.run("window.ages = []; window.reads = setInterval(() => { Stick.read();"
              "ages.push(Stick.unchanged()); }, 20)")
     time.sleep(1.2)
     assert page.run("return ages.at(-1)") > 1000, "it is read all the time, and never changes"
-    hold_pad(page, {BUMPER: 1, GAS: 0.7})
+    hold_pad(page, {PAD_BUMPER: 1, PAD_GAS: 0.7})
     time.sleep(0.1)
     assert page.run("return ages.at(-1)") < 500
     hold_pad(page, {})
@@ -122,24 +122,24 @@ def test_a_gamepad_drives_the_car_and_stops_it(browsers):
         arm_with_pad(one, car)
         # 1. A stick that moves a little, as under a thumb, and a trigger at half.
         began = car.now
-        hold_pad(one, {BUMPER: 1, GAS: 0.5})
+        hold_pad(one, {PAD_BUMPER: 1, PAD_GAS: 0.5})
         one.run("window.shake = setInterval(() => { pad.axes[0] += 0.001; }, 50)")
         time.sleep(1.5)
         assert driving(page.pulses, began)
         assert driving(page.pulses, car.now - 0.1), "longer than a pad without a report"
         # 2. The bumper is released: neutral, and armed.
-        hold_pad(one, {GAS: 0.5})
+        hold_pad(one, {PAD_GAS: 0.5})
         time.sleep(0.5)
         assert driving(page.pulses, car.now - 0.2) == []
         assert car.mode == "ARMED"
         # 3. A pad that reports nothing, as out of range.
         one.run("clearInterval(shake)")
-        hold_pad(one, {BUMPER: 1, GAS: 0.6})
+        hold_pad(one, {PAD_BUMPER: 1, PAD_GAS: 0.6})
         time.sleep(1.6)
         assert driving(page.pulses, car.now - 0.2) == []
         one.until("did not change for 0.95 s", "said")
         # 4. B, without the bumper.
-        hold_pad(one, {STOP: 1})
+        hold_pad(one, {PAD_STOP: 1})
         one.until("TRIPPED", "mode", within=3.0)
         one.until("STOP was pressed", "said")
 
@@ -151,7 +151,7 @@ def test_a_pad_without_the_standard_layout_moves_nothing(browsers):
         one.open(page.urls[0])
         arm_with_pad(one, car)
         began = car.now
-        hold_pad(one, {BUMPER: 1, GAS: 0.5, STOP: 1}, mapping="")
+        hold_pad(one, {PAD_BUMPER: 1, PAD_GAS: 0.5, PAD_STOP: 1}, mapping="")
         time.sleep(1.0)
         assert driving(page.pulses, began) == []
         assert car.mode == "ARMED"
