@@ -1,7 +1,7 @@
 """What each rule of the diagnosis is worth: hidden drives diagnosed again without it.
 
     python -m studies.diagnosis.ablation          all rows and rules, resumed where it was left
-    python -m studies.diagnosis.ablation --only pair --cases 4 --rules "hidden pairs"
+    python -m studies.diagnosis.ablation --only pair --cases 4 --rules confounders
     python -m studies.diagnosis.ablation --real    the real car instead, recordings split by day
 
 A case is diagnosed once with all rules, and each notes whether it acted: whether anything would
@@ -91,8 +91,6 @@ RULES: dict[str, Rule] = {
         lambda out, self, those, away: out[0].names != those.names),
     "variants of stronger names": Rule("grade.accept:grade_effects", _plain_grades,
                                        lambda *_: True),
-    "hidden pairs": Rule("search.selection:find_masked_effect", _constant(None),
-                         lambda found, *_: found is not None),
     "noise without the cause": Rule(
         "search.forward:ForwardSearch._separate_noise_from_causes", _not_sharpened,
         lambda out, self, point, noise, trials: out[1] is not noise),

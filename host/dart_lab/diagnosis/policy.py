@@ -128,7 +128,6 @@ class NamingPolicy:
     # both gains are the same
     min_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
     min_tried_size: float = 0.4  # of the small size, by the linear answer, which may be off by half
-    max_change_ratio: float = 2.0  # of the change of each of two alone: limit of the linear model
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,8 @@
 
 1. ``scan`` tries every effect alone; ``size_search`` chooses the sizes.
 2. ``significance`` simulates the null distribution, which gives the threshold of the gain.
-3. ``pairs`` finds two effects that mask each other.
-4. ``selection`` accepts one effect.
-5. ``confounders`` lists the effects that the data cannot distinguish from it.
+3. ``selection`` accepts one effect.
+4. ``confounders`` lists the effects that the data cannot distinguish from it.
 
 ``fit`` minimises the objective.
 """

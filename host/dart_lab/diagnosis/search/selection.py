@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dart_hal.core.config.model import Covariance
@@ -15,10 +15,10 @@ from ..gates import Candidate, explain_failure, relative_size
 from ..policy import USUAL, Policy
 from .confounders import MIN_GAIN_SHARE, find_confounders
 from .fit import Point
-from .pairs import FitEffect, find_masked_effect
 from .scan import Trial
 from .significance import simulate_null
 
+FitEffect = Callable[[Point, Trial], Point]
 # Fits of a round to find the best explanation ...
 MAX_EXPLANATIONS = 3
 MIN_KEPT_SHARE = 0.5  # ... which reaches this share of the linearly predicted gain
@@ -110,13 +110,11 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
 
     1. Fit the best trials. The best fit gives the residuals without a cause.
     2. Simulate the null distribution from them: thresholds of the gain by effect.
-    3. Order the effects above their threshold by the loss of their fit. An effect that is masked
-       by another one comes first.
+    3. Order the effects above their threshold by the loss of their fit.
     4. Accept the first that passes the gates of the scan and of the fit.
 
     trials: largest gain first. explanations: result of ``fit_best_trials``, if already computed.
     """
-    policy = settings.policy.naming
     rows = label_point_rows(evidence, point, settings.policy)
     fits = dict(fit_best_trials(point, trials, fit_effect) if explanations is None
                 else explanations)
@@ -127,15 +125,10 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     null = simulate_null(point, rest, trials, rows.block, settings.seed, evidence.has_mocap)
     limits = null.gain_thresholds([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
-    large = [t for t in passed
-             if not explain_failure("scan", _candidate(point.vehicle, t, limits), settings.policy)]
     # 3. By the loss after a fit. Trials without a fit have their change of 0, behind those that
     #    lower the loss.
     order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
                    if t.effect in fits else 0.0)
-    before = find_masked_effect(point, large, trials, limits, fits, fit_effect,
-                                policy.max_change_ratio)
-    order.sort(key=lambda t: t is not before)
     accepted: tuple[AcceptedEffect, Point] | None = None
     rejected = list[RejectedEffect]()
     for trial in (*order, *(t for t in trials if t not in passed)):
