@@ -38,7 +38,7 @@ from studies.diagnosis.stranger_files import pair
 
 SECONDS = (60.0, 60.0)
 LONG = 300.0  # s; its own error is less than half that of a minute
-BELIEVED = {"min_error_ratio": 0.0, "certain_probability": 0.0}
+BELIEVED = {"min_error_ratio": 0.0}
 """Every group that is believed has a cost here: those picked for a large one would be biased."""
 
 

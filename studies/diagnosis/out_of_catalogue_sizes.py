@@ -22,7 +22,6 @@ from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
-from dart_lab.diagnosis.policy import BlockPolicy
 from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import Point, refit
 from studies.diagnosis.known_frame import read
@@ -60,7 +59,7 @@ class Drops:
         self._without = {}
         for drive in DRIVES:
             seen = evidence(lambda car: None, *drive)
-            blocks = seen.blocks(BlockPolicy().seconds)
+            blocks = seen.blocks()
             noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), blocks, seen.overlap)
             timing = fitted(seen, noise).timing
             noise = estimate_noise(seen.residuals(PAPER, timing), blocks, seen.overlap)

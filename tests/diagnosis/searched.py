@@ -67,7 +67,7 @@ def evidence(*recordings):
 def fit_start(of_drive, p=PAPER, free=(), noise=None):
     """(noise, point) of evidence: nothing but timing and ``free`` fitted."""
     space = Space(p, free)
-    noise = noise or estimate_noise(of_drive.residuals(p, MessageTiming()), of_drive.blocks(2.0))
+    noise = noise or estimate_noise(of_drive.residuals(p, MessageTiming()), of_drive.blocks())
     return noise, refit(of_drive, noise, space, space.point(MessageTiming()))
 
 

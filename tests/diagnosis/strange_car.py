@@ -116,7 +116,7 @@ def looked_at(paths, p=PAPER):
     """(evidence, p, residuals, noise) for ``unexplained``; the ages of messages and of commands,
     which are nothing that a car has, are fitted first."""
     evidence = Evidence([prepare_drive(read(path), p.body.l_r) for path in paths], p.body.l_r)
-    noise = estimate_noise(evidence.residuals(p), evidence.blocks(2.0))
+    noise = estimate_noise(evidence.residuals(p), evidence.blocks())
     ages = np.zeros(2)
     for _ in range(3):
         tried = [MessageTiming(*(ages + by)) for by in ((0.0, 0.0), (SIMULATION_STEP, 0.0),
@@ -125,4 +125,4 @@ def looked_at(paths, p=PAPER):
         slopes = np.stack([(other - here) / SIMULATION_STEP for other in there], axis=1)
         ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
     residuals = evidence.residuals(p, MessageTiming(*ages))
-    return evidence, p, residuals, estimate_noise(residuals, evidence.blocks(2.0))
+    return evidence, p, residuals, estimate_noise(residuals, evidence.blocks())

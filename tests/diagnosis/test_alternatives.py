@@ -43,7 +43,7 @@ def fitted_search():
     vehicle = apply(PAPER, "yaw_damping", k=0.01)
     point, _ = search._fit_and_measure_noise(search.make_space(vehicle),
                                              MessageTiming(of_drive.message_age))
-    sampling = covariance(point, label_point_rows(of_drive, point, search._settings.policy).block)
+    sampling = covariance(point, label_point_rows(of_drive, point).block)
     stds = point.space.standard_errors(point.x, sampling)
     return search, of_drive, FinalFit(point.vehicle, point.timing, point, sampling, stds)
 

@@ -192,11 +192,11 @@ def test_a_delay_is_no_curve():
 
 def test_a_group_is_claimed_where_its_cost_is_significant():
     policy = USUAL.claims
-    assert _raises_errors((1.20, 1.05, 1.40), 0.9, policy)
-    assert not _raises_errors((1.20, 0.95, 1.50), 0.9, policy)
-    assert _raises_errors((1.20, 0.95, 1.50), 0.99, policy)
-    assert not _raises_errors((0.90, 0.80, 1.00), 0.99, policy)
-    assert _raises_errors((1.05, np.nan, np.nan), 0.9, policy)
+    assert _raises_errors((1.20, 1.05, 1.40), False, policy)
+    assert not _raises_errors((1.20, 0.95, 1.50), False, policy)
+    assert _raises_errors((1.20, 0.95, 1.50), True, policy)
+    assert not _raises_errors((0.90, 0.80, 1.00), True, policy)
+    assert _raises_errors((1.05, np.nan, np.nan), False, policy)
 
 
 def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
@@ -230,7 +230,7 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
     evidence = Evidence([drive], PAPER.body.l_r)
 
     def measure_loss(age, fitted=True):
-        sizes = estimate_noise(evidence.residuals(PAPER, MessageTiming()), evidence.blocks(2.0))
+        sizes = estimate_noise(evidence.residuals(PAPER, MessageTiming()), evidence.blocks())
         point = SimpleNamespace(vehicle=PAPER, timing=MessageTiming(command_age=age), noise=sizes)
         out = RecordingLosses(evidence, point, USUAL)
         if not fitted:

@@ -80,10 +80,10 @@ def secants_of_fits(tmp_path_factory):
         plan = Plan(seconds=60.0)
         recording = read(write(folder / "hidden.csv", apply(PAPER, hidden, **values), 12, plan))
         evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
-        noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
+        noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks())
         space = Space(apply(PAPER, named), ())
         fit = refit(evidence, noise, space, space.point(MessageTiming()))
-        return secants(evidence, fit, [named], USUAL)
+        return secants(evidence, fit, [named])
 
     return fit
 
@@ -118,7 +118,7 @@ def test_what_does_nothing_has_no_size_that_changes(secants_of_fits):
 @pytest.fixture
 def letters(monkeypatch):
     """Accept effects that are letters, by made probabilities of each set of them."""
-    monkeypatch.setattr(accept, "secants", lambda evidence, fit, kept, policy: "".join(kept))
+    monkeypatch.setattr(accept, "secants", lambda evidence, fit, kept: "".join(kept))
     monkeypatch.setattr(accept, "estimate_sizes_by_recording", lambda *given: ())
     monkeypatch.setattr(accept, "assess_constancy", lambda *given: None)
     search = SimpleNamespace(fit_subset=lambda at, noise, kept, near: "".join(kept),

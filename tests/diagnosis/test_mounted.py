@@ -15,7 +15,6 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import MESSAGE_AGE, MESSAGE_AGE_REACH, MessageTiming, Space
 from dart_lab.diagnosis.mounted import describe_imu_mounting, fit_mounting
-from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.result import ParameterEstimate
 from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import refit
@@ -31,7 +30,7 @@ from tests.diagnosis import onboard_files, searched
 def fit_mounting_of(of_drive, p=PAPER):
     noise, point = searched.fit_start(of_drive, p)
     at = fit_mounting(ForwardSearch(of_drive, p, Settings()), of_drive, point, noise)
-    return at, describe_imu_mounting(at, of_drive, USUAL)
+    return at, describe_imu_mounting(at, of_drive)
 
 
 @pytest.mark.slow
@@ -109,7 +108,7 @@ def test_poses_of_a_run_may_be_as_late_as_those_of_an_optical_system(tmp_path):
     def fit_timing(of_drive):
         space = Space(PAPER, (), message_age=of_drive.message_age)
         start = MessageTiming(of_drive.message_age)
-        noise = estimate_noise(of_drive.residuals(PAPER, start), of_drive.blocks(2.0))
+        noise = estimate_noise(of_drive.residuals(PAPER, start), of_drive.blocks())
         return refit(of_drive, noise, space, space.point(start)).timing.message_age
 
     age = 0.0035  # a message is heard 1 to 6 ms late

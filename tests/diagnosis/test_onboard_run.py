@@ -65,7 +65,7 @@ def test_the_model_of_the_simulated_car_predicts_its_run(run):
 @pytest.mark.slow
 def test_every_residual_of_a_run_has_a_size(run):
     of_run = evidence(run)
-    noise = estimate_noise(of_run.residuals(EXACT), of_run.blocks(2.0))
+    noise = estimate_noise(of_run.residuals(EXACT), of_run.blocks())
     assert np.isfinite(noise.motion).all()
     assert (noise.sensors > 1e-5).all()
     assert (noise.weight > 0.0).all()

@@ -21,7 +21,7 @@ from dart_lab.diagnosis.question import DiagnosisSetup
 from dart_lab.diagnosis.search.selection import Settings
 from studies.diagnosis import policy_sensitivity as sensitivity
 from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
-from tests.diagnosis.searched import drive, evidence, names, search
+from tests.diagnosis.searched import drive, names, search
 
 POLICY_FOLDER = Path(module.__file__).parent
 GRIDS = {"MAX_FIT_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE",
@@ -74,7 +74,7 @@ def test_thresholds_of_1_10_are_those_of_the_scale_1_and_others_follow_the_car()
     large = USUAL.at_scale(Scale(length=16.0, force=512.0))
     assert large.inputs.min_speed == 4.0 * USUAL.inputs.min_speed
     assert large.inputs.min_yaw_rate == 0.25 * USUAL.inputs.min_yaw_rate
-    assert large.evidence.rotation_radius == 16.0 * USUAL.evidence.rotation_radius
+    assert large.evidence.min_encoder_speed == 4.0 * USUAL.evidence.min_encoder_speed
     assert large.unexplained.max_waves == USUAL.unexplained.max_waves / 16.0
     assert large.inputs.max_lateral_accel == USUAL.inputs.max_lateral_accel, "an acceleration"
     assert large.noise == USUAL.noise, "of sensors"
@@ -96,15 +96,13 @@ def test_a_search_decides_by_the_policy_that_it_is_given():
 
 
 @pytest.mark.slow
-def test_blocks_and_loss_are_those_of_the_policy():
-    of_drive = evidence(drive())
+def test_the_loss_is_that_of_the_policy():
     one = ("gyro_bias",)
     found = search(drive(), names=one)
     other = search(drive(), names=one, policy=replace(
-        USUAL, noise=replace(USUAL.noise, robust=6.0), blocks=replace(USUAL.blocks, seconds=4.0)))
+        USUAL, noise=replace(USUAL.noise, robust=6.0)))
     assert other.noise.policy.robust == 6.0
-    assert not np.array_equal(other.noise.weight, found.noise.weight)
-    assert of_drive.blocks(4.0)[0].max() == of_drive.blocks(2.0)[0].max() // 2
+    assert not np.array_equal(other.noise.motion, found.noise.motion)
 
 
 def test_a_watched_threshold_decides_as_it_is_and_notes_what_half_and_double_would():

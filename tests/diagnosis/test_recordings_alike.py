@@ -62,7 +62,7 @@ def list_warnings(train, test, p=PAPER, policy=USUAL):
     sides = side(train), side(test)
     of_side = sides[0].evidence
     space = Space(p, ())
-    noise = estimate_noise(of_side.residuals(p, MessageTiming()), of_side.blocks(2.0))
+    noise = estimate_noise(of_side.residuals(p, MessageTiming()), of_side.blocks())
     last = evaluate_point(of_side, noise, space, space.point(MessageTiming()))
     return " ".join(list_cautions(last, sides, {}, {}, (), policy))
 
@@ -138,7 +138,7 @@ def test_a_parameter_or_a_time_on_its_bound_is_reported(drive):
     sides = side(one), side([drive("same", PAPER, 1)])
     of_side = sides[0].evidence
     space = Space(PAPER, ())
-    noise = estimate_noise(of_side.residuals(PAPER, MessageTiming()), of_side.blocks(2.0))
+    noise = estimate_noise(of_side.residuals(PAPER, MessageTiming()), of_side.blocks())
     x = space.point(MessageTiming())
     x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is
     moved = {"tyres.front_B": ParameterChange(11.9, 13.8, 0.5, "1/rad", AT_BOUND),

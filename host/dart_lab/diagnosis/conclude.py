@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.process.jobs import each
-from dart_hal.core.types import IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
@@ -22,7 +21,6 @@ from dart_lab.report.numbers import describe_change
 from .alternatives import include_alternatives, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
-from .evidence.rows import RowLabels
 from .evidence.space import MessageTiming
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
@@ -119,7 +117,8 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     fits = make_equal_fits(q.search, q.train, found.base.noise, partial(vehicle_for_log, q),
                            q.settings.jobs,
                            MANY_RECORDINGS if q.refit else sys.maxsize)
-    finals = make_final_fits(fits, points, lambda point: covariance(point, _units(q, point)))
+    finals = make_final_fits(fits, points, lambda point: covariance(
+        point, label_point_rows(q.train.evidence, point).unit))
     final = finals[-1]
     # 4.
     gains = dict(zip(accepted.names, compute_gains(
@@ -161,7 +160,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         unexplained=structure, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, late_commands=late,
         gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
-        mounting=describe_imu_mounting(mounting, q.train.evidence, policy),
+        mounting=describe_imu_mounting(mounting, q.train.evidence),
         predictor=find_predictor(fits, q.train, q.test, last) if q.predictor else None,
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
@@ -284,22 +283,11 @@ def _find_claims(q: DiagnosisSetup, last: Point, final: FinalFit, losses: Record
     settings = q.settings
     if losses.last is not last:
         losses = RecordingLosses(q.test.evidence, last, settings.policy)
-    linear = secants(q.train.evidence, last, (), settings.policy)
+    linear = secants(q.train.evidence, last, ())
     groups = GroupFits(q.train.evidence, q.base, last, linear.unit, settings.known,
                        settings.policy, settings.joint)
     return find_claims(ClaimInputs(groups, losses, linear, final, vehicle_for_log(q, final),
                                    settings.seed))
-
-
-def _units(q: DiagnosisSetup, point: Point) -> IntArray:
-    """Return the independent units (N,) of the residuals: recordings, or blocks of few."""
-    rows = _rows(q, point)
-    many = rows.recording.max() + 1 >= MANY_RECORDINGS
-    return rows.recording if many else rows.block
-
-
-def _rows(q: DiagnosisSetup, point: Point) -> RowLabels:
-    return label_point_rows(q.train.evidence, point, q.settings.policy)
 
 
 def _list_parameter_changes(q: DiagnosisSetup, final: FinalFit) -> dict[str, ParameterChange]:
@@ -365,8 +353,8 @@ def _verdict(q: DiagnosisSetup, found: SearchResult, causes: Sequence[Cause],
     if claims:
         return "parameters_only"
     if q.refit:
-        p = refit_p_value(found.base, found.refit_loss, _rows(q, found.base).block,
-                          q.settings.seed)
+        block = label_point_rows(q.train.evidence, found.base).block
+        p = refit_p_value(found.base, found.refit_loss, block, q.settings.seed)
         better = not gain or any(g.low > 0.0 for g in gain.values())
         if (p < q.settings.false_alarm and better
                 and not list_worse_channels(gain)):

@@ -15,7 +15,6 @@ from dart_hal.vehicle.flat import value
 
 from .evidence.noise import Noise
 from .evidence.residuals import Evidence
-from .policy import Policy
 from .result import ParameterEstimate
 from .search.fit import Point, covariance
 from .search.forward import ForwardSearch
@@ -44,7 +43,7 @@ def fit_mounting(search: ForwardSearch, evidence: Evidence, point: Point, noise:
     return MountingFit(extended, extended.noise, names)
 
 
-def describe_imu_mounting(fit: MountingFit, evidence: Evidence, policy: Policy
+def describe_imu_mounting(fit: MountingFit, evidence: Evidence
                           ) -> Mapping[str, Mapping[str, ParameterEstimate]]:
     """Return the mounting by effect and parameter.
 
@@ -57,7 +56,7 @@ def describe_imu_mounting(fit: MountingFit, evidence: Evidence, policy: Policy
     if not names:
         return {}
     point = fit.point
-    block = label_point_rows(evidence, point, policy).block
+    block = label_point_rows(evidence, point).block
     stds = point.space.standard_errors(point.x, covariance(point, block))
     return {n: {q.name: ParameterEstimate(float(value(point.vehicle, f"{n}.{q.name}")),
                                           stds[f"{n}.{q.name}"], q.unit, q.null)

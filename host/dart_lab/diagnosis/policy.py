@@ -43,14 +43,12 @@ class InputPolicy:
     max_quartile_ratio: float = 1.5  # third over first quartile of a ratio that is one factor
     min_correlation: float = 0.8  # and share of one sign, above which a factor is reported
     min_yaw_rate: float = 0.2  # rad/s: 0.1 m/s2 sideways at ``min_speed``
-    min_lateral_accel: float = 0.2  # m/s2; below, an accelerometer is not compared with the motion
     min_speed: float = 0.5  # m/s; below 0.2 the encoder counts too little
     max_lateral_accel: float = 2.0  # m/s2 sideways, below which a car rolls without slip
     min_wheel_angle: float = 0.1  # rad at the wheels: five times a large trim
     max_angle_change: float = 0.05  # rad, the most that a steered wheel may move ...
     angle_change_s: float = 0.3  # s ... in this time, twice the steering delay
     max_curvature_factor: float = 2.0  # of the curvature; beyond, the model is of another car
-    min_gyro_rate: float = 1e-6  # rad/s, below one count of any gyro: a dead one
 
     def at_scale(self, scale: Scale) -> InputPolicy:
         """Return the thresholds for a car of that scale."""
@@ -69,7 +67,6 @@ class EvidencePolicy:
     max_rest_yaw_rate: float = 0.1  # rad/s; a car that turns faster, wheels at rest, is carried
     min_encoder_speed: float = 0.2  # m/s; below it an encoder counts too little to be judged
     min_level_std: float = 0.05  # m/s2; a floor is level to 5 mrad at best, for any sensor
-    rotation_radius: float = 0.1  # m from the centre, where turning counts as motion
 
     def at_scale(self, scale: Scale) -> EvidencePolicy:
         """Return the thresholds for a car of that scale."""
@@ -79,8 +76,7 @@ class EvidencePolicy:
             max_rest_yaw_rate=self.max_rest_yaw_rate * scale.yaw_rate,
             max_speed_bend=self.max_speed_bend * scale.speed,
             max_rest_speed=self.max_rest_speed * scale.speed,
-            min_encoder_speed=self.min_encoder_speed * scale.speed,
-            rotation_radius=self.rotation_radius * scale.length)
+            min_encoder_speed=self.min_encoder_speed * scale.speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +88,6 @@ class NoisePolicy:
     ridge: float = 0.02  # of a variance; keeps the covariance of few windows invertible
     age_s: float = 0.002  # s; ages of commands that differ by less do nothing: a fifth of a sample
     min_age_effect: float = 3.0  # standard deviations that the oldest command must move a reading
-
-
-@dataclass(frozen=True, slots=True)
-class BlockPolicy:
-    """Blocks of time that are independent and are held out together.
-
-    Where they only limit a length, or remove what depends on the drive, BLOCK_S counts instead.
-    """
-
-    seconds: float = BLOCK_S  # s of a block
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +128,7 @@ class ConfounderPolicy:
 class GradePolicy:
     """Probability of an accepted effect, and constancy of its size."""
 
-    confident_probability: float = 0.97  # probability of an effect: 110 of 110 right
+    confident_probability: float = 0.97  # of an effect (110 of 110 right) or a group of parameters
     likely_probability: float = 0.8  # 16 of 21 right, 11 of the 12 that the test recordings confirm
     possible_probability: float = 0.3  # probability below which it is not even possible
     change_level: float = 0.01  # level of a change that is reported; of correct sizes once in 25
@@ -163,9 +149,9 @@ class ClaimPolicy:
     """When a parameter of the model is reported as wrong."""
 
     min_probability: float = 0.5  # of a group that is claimed: rather than not ...
-    min_error_ratio: float = 1.03  # ... if test errors are this many times as large without it,
-    # (of 41 of the campaign 33 are exact, 30 at 1.01; 32 with a P of 0.8) ...
-    certain_probability: float = 0.97  # ... below this probability, by the lower 90 % limit
+    min_error_ratio: float = 1.03  # ... if test errors are this many times as large without it
+    # (of 41 of the campaign 33 are exact, 30 at 1.01; 32 with a P of 0.8); by the lower 90 % limit
+    # for a group that is not confident
     stretch_s: float = 15.0  # s of a test recording, for the interval of the change of its error
     max_stated_stds: float = 2.0  # standard errors of the file; within them nothing is wrong
     min_pair_probability: float = 0.05  # of a pair, minus that of each part: one claim for both
@@ -216,7 +202,6 @@ class Policy:
     inputs: InputPolicy = field(default_factory=InputPolicy)
     evidence: EvidencePolicy = field(default_factory=EvidencePolicy)
     noise: NoisePolicy = field(default_factory=NoisePolicy)
-    blocks: BlockPolicy = field(default_factory=BlockPolicy)
     prior: PriorPolicy = field(default_factory=PriorPolicy)
     scan: ScanPolicy = field(default_factory=ScanPolicy)
     naming: NamingPolicy = field(default_factory=NamingPolicy)

@@ -61,10 +61,10 @@ def find_spurious(q: DiagnosisSetup, found: SearchResult, structure: Sequence[Un
 def _structure_losses(q: DiagnosisSetup, found: SearchResult, point: Point) -> dict[str, float]:
     """Return by channel the loss that a flexible function of the driving state would remove."""
     evidence = q.train.evidence
-    rows = _rows(q, point)
+    rows = label_point_rows(evidence, point)
     r = remove_frame_wait(evidence, point.vehicle, point.timing, found.noise)
     policy = q.settings.policy.unexplained
-    residuals = group_residuals(evidence, point.vehicle, r, found.noise, policy)
+    residuals = group_residuals(evidence, point.vehicle, r, found.noise)
     share = explained_shares(residuals, q.settings.seed, policy)
     total = _sum_by_channel(q, rows, point.weight * point.noise.loss(point.residual))
     return {c: share.get(c, 0.0) * total[c] for c in total}
@@ -74,7 +74,8 @@ def _loss_drops(q: DiagnosisSetup, reference: Point, changed: Point) -> dict[str
     """Return the drop of the loss by channel, from one fit to another."""
     reference_loss = reference.weight * reference.noise.loss(reference.residual)
     changed_loss = changed.weight * changed.noise.loss(changed.residual)
-    return _sum_by_channel(q, _rows(q, changed), reference_loss - changed_loss)
+    rows = label_point_rows(q.train.evidence, changed)
+    return _sum_by_channel(q, rows, reference_loss - changed_loss)
 
 
 def _sum_by_channel(q: DiagnosisSetup, rows: RowLabels, x: FloatArray) -> dict[str, float]:
@@ -84,7 +85,3 @@ def _sum_by_channel(q: DiagnosisSetup, rows: RowLabels, x: FloatArray) -> dict[s
         name = q.train.evidence.channel(int(column))
         out[name] = out.get(name, 0.0) + float(x[rows.channel == column].sum())
     return out
-
-
-def _rows(q: DiagnosisSetup, point: Point) -> RowLabels:
-    return label_point_rows(q.train.evidence, point, q.settings.policy)

@@ -34,7 +34,8 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     assert r.sensors.shape == (len(plain.sensor_drive), 4)
     assert size(r, ENCODER) < 0.04
     assert size(r, GYRO_ROWS) < 0.05
-    assert [len(b) for b in plain.blocks(2.0)] == [len(r.motion), len(r.sensors)]
+    assert [len(b) for b in plain.blocks()] == [len(r.motion), len(r.sensors)]
+    assert len(set(plain.blocks(4.0)[0])) < 0.6 * len(set(plain.blocks()[0]))
     assert size(plain.residuals(apply(PAPER, "motor_gain", k=-0.15)), ENCODER) > 0.08
     assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)),
                 GYRO_ROWS) > 2.0 * size(r, GYRO_ROWS)
@@ -44,7 +45,7 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
 def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     """What is confounded is found from the equations; here it is measured."""
     base = plain.residuals(PAPER)
-    noise = estimate_noise(base, plain.blocks(2.0))
+    noise = estimate_noise(base, plain.blocks())
     here, _ = noise.stack(base)
     effect_of = {}
     for name, effect in catalogue().items():
@@ -149,5 +150,5 @@ def test_recordings_without_data_give_no_rows_and_are_reported():
     r = nothing.residuals(PAPER)
     assert r.motion.shape == (0, 2 * MESSAGES_AHEAD)
     assert r.sensors.shape == (0, 4)
-    assert [len(b) for b in nothing.blocks(2.0)] == [0, 0]
+    assert [len(b) for b in nothing.blocks()] == [0, 0]
     assert any("how the car moves" in s for s in list_limits(nothing))

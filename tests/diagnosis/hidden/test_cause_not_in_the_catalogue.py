@@ -57,7 +57,7 @@ def share_of_right(others, recording, name, other=""):
     """What the best other name gains (or the requested one), over what the right one would."""
     other = other or max(others.ranking, key=lambda n: others.ranking[n])
     evidence, _ = make_evidence([recording], PAPER.body.l_r)
-    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks())
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(MessageTiming()))
     gains = {t.effect: t.gain for t in scan(evidence, point, [name, other])}

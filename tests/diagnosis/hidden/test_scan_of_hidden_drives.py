@@ -23,7 +23,7 @@ HIDDEN_PLAN = Plan(seconds=60.0)
 def scanned_parameters(tmp_path, p, seed, names=None):
     recording = read(write(tmp_path / "hidden.csv", p, seed, HIDDEN_PLAN))
     evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
-    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks())
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(MessageTiming()))
     return scan(evidence, point, names)

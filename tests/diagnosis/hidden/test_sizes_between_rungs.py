@@ -34,7 +34,7 @@ def gains(tmp_path, name, values, top=0.34):
     plan = Plan(seconds=60.0, fast=(0.21, top))
     recording = read(write(tmp_path / "hidden.csv", apply(PAPER, name, **values), 12, plan))
     evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
-    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks())
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(MessageTiming()))
     scan = EffectScan(evidence, point)

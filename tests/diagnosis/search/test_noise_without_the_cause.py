@@ -10,7 +10,6 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude, diagnose
-from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
@@ -24,7 +23,7 @@ def found_and_error(recording, name):
     of_recording = evidence(recording)
     point = ForwardSearch(of_recording, PAPER, Settings(names=(name,))).run().point
     errors = point.space.standard_errors(
-        point.x, covariance(point, label_point_rows(of_recording, point, USUAL).block))
+        point.x, covariance(point, label_point_rows(of_recording, point).block))
     return value(point.vehicle, f"{name}.k"), errors[f"{name}.k"]
 
 

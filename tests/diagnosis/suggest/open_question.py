@@ -95,7 +95,7 @@ def gains(case, recordings):
     x = space.point(MessageTiming(0.0, 0.02))
     for _ in range(2):
         p, timing = space.split(x)
-        noise = estimate_noise(evidence.residuals(p, timing), evidence.blocks(2.0))
+        noise = estimate_noise(evidence.residuals(p, timing), evidence.blocks())
         point = refit(evidence, noise, space, x)
         x = point.x
     scan = EffectScan(evidence, point)

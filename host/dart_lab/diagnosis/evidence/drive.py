@@ -152,7 +152,7 @@ def stack_readings(m: Messages) -> FloatArray:
 def _find_rest(g: Grid, m: Messages, samples: FloatArray, policy: EvidencePolicy) -> IntArray:
     """Find messages of a car at rest by motion capture."""
     index = np.arange(len(g))
-    speed = np.hypot(np.hypot(g.v_x, g.v_y), policy.rotation_radius * g.omega) + BAD_SPEED * g.bad
+    speed = np.hypot(g.v_x, g.v_y) + BAD_SPEED * g.bad
     at_rest = np.interp(samples, index, speed) < policy.max_rest_speed
     return find_rest_messages(at_rest, m, np.arange(len(samples)), policy.max_rest_yaw_rate)
 

@@ -15,7 +15,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..policy import MIN_READINGS, USUAL, EvidencePolicy
+from ..policy import MIN_READINGS
 from .onboard_drive import (
     ACCEL_READ_OUTS,
     ENCODER_MEAN_S,
@@ -146,8 +146,7 @@ class OnboardEvidence(Evidence):
                 for d, one in zip(self.drives, servo, strict=True)]
 
 
-def list_limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
-                ) -> tuple[str, ...]:
+def list_limits(evidence: OnboardEvidence) -> tuple[str, ...]:
     """List in words what these recordings cannot determine: NOT_OBSERVABLE, and what they lack."""
     windows, driving, rest = count_windows(evidence.drives)
     accel = np.concatenate([d.readings[:, 2] for d in evidence.drives] or [np.empty(0)])

@@ -44,6 +44,7 @@ from dart_lab.identification.prediction.commands import spread_over
 from dart_lab.identification.prediction.rollout import Parts, measured_states
 from dart_lab.identification.prediction.substeps import SUBSTEPS, quarters, rollout_substeps
 
+from ..policy import BLOCK_S
 from .drive import DERIVATIVE_POINTS, HALF_POINTS, READ_OUTS, RecordedDrive
 from .readings import (
     SENSORS,
@@ -199,7 +200,7 @@ class Evidence:
         first = READ_OUTS.index(sample) * len(MOTION)
         return {name: first + i for i, name in enumerate(MOTION)}
 
-    def blocks(self, length: float) -> tuple[IntArray, IntArray]:
+    def blocks(self, length: float = BLOCK_S) -> tuple[IntArray, IntArray]:
         """Label blocks of ``length`` [s]: each window (n,) and each message (m,).
 
         Messages at rest share no disturbance, so each is a block of its own.

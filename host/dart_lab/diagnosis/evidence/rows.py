@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.core.types import IntArray
 
-from ..policy import BlockPolicy
+from ..policy import BLOCK_S, MANY_RECORDINGS
 from .readings import SENSORS
 from .residuals import Evidence, Residuals
 
@@ -24,14 +24,20 @@ class RowLabels:
     recording: IntArray
     channel: IntArray
 
+    @property
+    def unit(self) -> IntArray:
+        """Independent units (N,): recordings, or blocks if there are few recordings."""
+        many = int(self.recording.max()) + 1 >= MANY_RECORDINGS
+        return self.recording if many else self.block
 
-def label_rows(evidence: Evidence, r: Residuals, policy: BlockPolicy) -> RowLabels:
-    """Label the residuals in the order of ``Noise.stack``."""
+
+def label_rows(evidence: Evidence, r: Residuals, block_s: float = BLOCK_S) -> RowLabels:
+    """Label the residuals in the order of ``Noise.stack``; block_s [s]: length of a block."""
     columns = r.motion.shape[1]
     sensors = r.sensors.shape[1]
     channel = np.concatenate([np.tile(np.arange(columns), len(r.motion)),
                               np.tile(-1 - np.arange(sensors), len(r.sensors))])
-    block = repeat_labels(*evidence.blocks(policy.seconds), columns)
+    block = repeat_labels(*evidence.blocks(block_s), columns)
     owner = repeat_labels(evidence.motion_drive, evidence.sensor_drive, columns)
     return RowLabels(_renumber(block), _renumber(owner), channel)
 

@@ -133,8 +133,7 @@ class _FitCache:
 
     def grade(self, names: Sequence[str], fit: Point) -> _GradedFit:
         """Compute the probability of each effect of a fit."""
-        policy = self.context.policy
-        linear = secants(self.context.evidence, fit, names, policy)
+        linear = secants(self.context.evidence, fit, names)
         return _GradedFit(tuple(names), fit, linear,
                           grade_effects(linear, names, self.context.seed)
                           if names else {})

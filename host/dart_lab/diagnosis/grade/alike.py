@@ -77,7 +77,7 @@ def estimate_sizes(evidence: Evidence, names: Sequence[str], point: Point, polic
 
     names: of the recordings, in the order of the evidence.
     """
-    r, weight, g, rows = _linearise(evidence, point, policy)
+    r, weight, g, rows = _linearise(evidence, point)
     width = policy.prior.effect_width * np.array([_medium_size(name) for name in PROBES])
     prior = np.diag(width**-2.0)
     size = []
@@ -113,7 +113,7 @@ def find_groups(sizes: SizesByRecording, policy: TwoCarsPolicy) -> RecordingGrou
     return max(found, key=lambda cut: cut.ratio, default=None)
 
 
-def _linearise(evidence: Evidence, point: Point, policy: Policy
+def _linearise(evidence: Evidence, point: Point
                ) -> tuple[FloatArray, FloatArray, FloatArray, RowLabels]:
     """Return residuals (N,), weights (N,), slopes (N, q) of the probes, and labels."""
     p = point.vehicle
@@ -129,7 +129,7 @@ def _linearise(evidence: Evidence, point: Point, policy: Policy
         moved = evidence.residuals(apply(p, name, k=now + step), timing)
         slopes.append((noise.stack(moved)[0] - r) / step)
     return (r, weight * noise.robust_weight(r), np.stack(slopes, axis=1),
-            label_rows(evidence, residuals, policy.blocks))
+            label_rows(evidence, residuals))
 
 
 def _medium_size(name: str) -> float:

@@ -17,7 +17,7 @@ from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, repeat_labels
-from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, Policy
+from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL
 from ..search.fit import Point
 from ..search.selection import label_point_rows
 from ..unexplained.bases import basis_functions
@@ -54,7 +54,7 @@ class Secants:
     features: Mapping[str, FloatArray]
 
 
-def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Policy) -> Secants:
+def secants(evidence: Evidence, point: Point, effects: Sequence[str]) -> Secants:
     """Linearise a fit in its effects, given with the largest gain first."""
     p = point.vehicle
     timing = point.timing
@@ -65,7 +65,7 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
         tangent[name] = parameter_tangent(point, own[name])
         without = point.noise.stack(evidence.residuals(remove_effects(p, [name]), timing))[0]
         secant[name] = point.residual - without
-    rows = label_point_rows(evidence, point, policy)
+    rows = label_point_rows(evidence, point)
     # the last effect needs no variants, see ``bag``
     variants = {name: force_variants(evidence, point, name) for name in effects[:-1]}
     return Secants(point, secant, tangent, variants, own, rows,
@@ -85,7 +85,7 @@ def parameter_tangent(point: Point, mine: Sequence[int]) -> FloatArray:
 def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point) -> IntArray:
     """Return the units (N,) of a bootstrap: recordings, or stretches of time if these are few.
 
-    A stretch is no shorter than BLOCK_S, whatever the blocks of the policy.
+    A stretch is no shorter than BLOCK_S.
     """
     if int(rows.recording.max()) + 1 >= MANY_RECORDINGS:
         return rows.recording

@@ -57,6 +57,7 @@ def find_claims(inputs: ClaimInputs) -> tuple[Claim, ...]:
     """
     groups = inputs.groups
     policy = groups.policy.claims
+    confident = groups.policy.grade.confident_probability
     found = posterior(groups, inputs.seed)
     pairs = _pair_groups(found, policy.min_pair_probability)
     paired = frozenset().union(*pairs)
@@ -68,19 +69,20 @@ def find_claims(inputs: ClaimInputs) -> tuple[Claim, ...]:
         return ()
     losses = cache(lambda some: inputs.losses.motion(groups.fit(some)))
     costs = {part: group_cost(losses, free, part) for part in believed}
-    wrong = [part for part, p in believed.items() if _raises_errors(costs[part], p, policy)
+    wrong = [part for part, p in believed.items()
+             if _raises_errors(costs[part], p >= confident, policy)
              and _exceeds_stated_error(groups, part)]
     out = [_make_claim(inputs, part, believed[part], costs[part], found) for part in wrong]
     return tuple(sorted(out, key=lambda c: -c.cost[0]))
 
 
-def _raises_errors(cost: Cost, probability: float, policy: ClaimPolicy) -> bool:
+def _raises_errors(cost: Cost, confident: bool, policy: ClaimPolicy) -> bool:
     """Return whether errors on the test recordings are larger without the group.
 
     By their ratio for a confident group, by the lower end of its interval for others.
     """
     ratio, low, _ = cost
-    by_ratio = probability >= policy.certain_probability or not math.isfinite(low)
+    by_ratio = confident or not math.isfinite(low)
     return (ratio if by_ratio else low) > policy.min_error_ratio
 
 

@@ -22,7 +22,7 @@ from ..evidence.noise import Noise, estimate_noise
 from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import label_rows
 from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
-from ..policy import MANY_RECORDINGS, Policy
+from ..policy import Policy
 from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
 
 # Time by which an age may leave its range here, where delays are fixed [s]. A fit divides a time
@@ -60,11 +60,8 @@ class RecordingLosses:
 
     def _sum_by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
         """Sum losses by stretch; of many recordings by recording."""
-        stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
-        rows = label_rows(self._evidence, r, stretches)
-        many = int(rows.recording.max()) + 1 >= MANY_RECORDINGS
-        label = (rows.recording if many else rows.block)[:len(losses)]
-        block = np.unique(label, return_inverse=True)[1].ravel()
+        rows = label_rows(self._evidence, r, self._policy.claims.stretch_s)
+        block = np.unique(rows.unit[:len(losses)], return_inverse=True)[1].ravel()
         return np.asarray(np.bincount(block, losses), dtype=np.float64)
 
     @cached_property
@@ -77,7 +74,7 @@ class RecordingLosses:
         timing = self._fit_timing(point, noise)
         r = evidence.residuals(point.vehicle, timing)
         sensitivity = age_sensitivity(evidence, point.vehicle, timing, r, policy.noise.age_s)
-        here = estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap,
+        here = estimate_noise(r, evidence.blocks(), evidence.overlap,
                               sensitivity, policy.noise,
                               PWM_WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, age_scale=here.age_scale)

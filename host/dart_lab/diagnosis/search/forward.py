@@ -298,8 +298,8 @@ class ForwardSearch:
         r = remove_driven_motion(evidence, vehicle, residuals) if (
             stamped and not evidence.has_mocap) else residuals
         age_change = age_sensitivity(evidence, vehicle, timing, residuals, policy.noise.age_s)
-        return estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap,
-                              age_change, policy.noise, PWM_WAIT_STD if stamped else None)
+        return estimate_noise(r, evidence.blocks(), evidence.overlap, age_change, policy.noise,
+                              PWM_WAIT_STD if stamped else None)
 
     def _initial_coordinates(self, space: Space, timing: MessageTiming) -> FloatArray:
         """Coordinates of the base at the best of some command ages.
@@ -310,8 +310,7 @@ class ForwardSearch:
         vehicle, _ = space.split(points[0])
         policy = self._settings.policy
         noise = estimate_noise(self._evidence.residuals(vehicle, timing),
-                        self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
-                        policy=policy.noise)
+                        self._evidence.blocks(), self._evidence.overlap, policy=policy.noise)
         return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
 
     def _scan(self, point: Point) -> list[Trial]:
@@ -399,7 +398,7 @@ class ForwardSearch:
         own_trial = next(t for t in trials if t.effect == one.effect)
         close = select_correlated(without, own_trial, trials, policy.confounders)
         fits = {t.effect: self.add_effect(self._evidence, noise, without, t) for t in close}
-        rows = label_point_rows(self._evidence, without, policy)
+        rows = label_point_rows(self._evidence, without)
         return replace(one, confounders=find_confounders(
             without, own_trial, trials, rows, fits, policy.confounders))
 

@@ -115,7 +115,7 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
 
     trials: largest gain first. explanations: result of ``fit_best_trials``, if already computed.
     """
-    rows = label_point_rows(evidence, point, settings.policy)
+    rows = label_point_rows(evidence, point)
     fits = dict(fit_best_trials(point, trials, fit_effect) if explanations is None
                 else explanations)
     # 1. Residuals after the best explanation: those before would have the cause in them, and every
@@ -153,9 +153,9 @@ def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit
     return SelectionStep(accepted, tuple(rejected))
 
 
-def label_point_rows(evidence: Evidence, point: Point, policy: Policy) -> RowLabels:
+def label_point_rows(evidence: Evidence, point: Point) -> RowLabels:
     """Label the residuals of a point by block, recording and window."""
-    return label_rows(evidence, evidence.residuals(point.vehicle, point.timing), policy.blocks)
+    return label_rows(evidence, evidence.residuals(point.vehicle, point.timing))
 
 
 def list_alternatives(trial: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:

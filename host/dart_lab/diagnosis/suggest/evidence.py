@@ -73,8 +73,7 @@ class Setting:
         new = (predicted.motion - true.motion + noise.motion,
                predicted.sensors - true.sensors + noise.sensors)
         blocks = tuple(np.concatenate([existing, BLOCK_LABEL_OFFSET + added]) for existing,
-                       added in zip(self.blocks, evidence.blocks(self.policy.blocks.seconds),
-                                    strict=True))
+                       added in zip(self.blocks, evidence.blocks(), strict=True))
         return estimate_noise(Residuals(np.concatenate([old.motion, new[0]]),
                                  np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]),
                        policy=self.policy.noise)
@@ -98,7 +97,7 @@ def make_setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Messa
         quiet = GYRO_NOISE * np.random.default_rng(0).normal(size=len(r.sensors))
         r, base_residuals = (replace(x, sensors=np.column_stack(
             [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, base_residuals))
-    blocks = evidence.blocks(policy.blocks.seconds)
+    blocks = evidence.blocks()
     return Setting(needs, evidence.l_r, reference, r, base_residuals, blocks,
                    estimate_noise(base_residuals, blocks, policy=policy.noise),
                    _noise_scale(evidence), policy)

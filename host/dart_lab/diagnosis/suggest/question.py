@@ -114,5 +114,5 @@ def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> MessageTiming:
 
 def _noise(evidence: Evidence, p: Vehicle, timing: MessageTiming, policy: Policy) -> Noise:
     """Measure the noise of an evidence."""
-    return estimate_noise(evidence.residuals(p, timing), evidence.blocks(policy.blocks.seconds),
+    return estimate_noise(evidence.residuals(p, timing), evidence.blocks(),
                    policy=policy.noise)

@@ -13,7 +13,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
 from ..evidence.residuals import Evidence, Residuals
-from ..policy import CLIP, TAIL, BlockPolicy
+from ..policy import CLIP, TAIL
 from .bases import basis_functions
 from .crossfit import FOLDS, MIN_SIGN_BLOCKS, predict_held_out
 from .features import exogenous, window_features
@@ -38,8 +38,7 @@ def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int
 
     span: samples by which a window is described. See ``remove_driven_motion``.
     """
-    # Blocks of the usual length, whatever the policy of the diagnosis.
-    block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
+    block = np.unique(evidence.blocks()[0], return_inverse=True)[1]
     if not len(block) or block.max() + 1 < MIN_SIGN_BLOCKS:
         return errors
     features = exogenous(p, window_features(evidence, p, span))

@@ -114,12 +114,12 @@ def find_structure(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: 
     level: probability of any entry if the noise is independent between blocks. Returns nothing if
     there are too few data.
     """
-    return find_group_structure(group_residuals(evidence, p, residuals, noise, policy), seed,
-                                    level, policy)
+    groups = group_residuals(evidence, p, residuals, noise)
+    return find_group_structure(groups, seed, level, policy)
 
 
-def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
-                    policy: UnexplainedPolicy = USUAL.unexplained) -> list[ResidualGroup]:
+def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise
+                    ) -> list[ResidualGroup]:
     """Collect the motion residuals at 0.5 s and the sensor residuals, with their features."""
     # Length of the recordings, as if windows were 0.5 s apart and messages 0.1 s; it only limits
     # the number of blocks.
