@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.calibration.measured import unit_of
 from dart_hal.car.digest import Digest
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import QUANTITIES
@@ -19,7 +20,7 @@ from dart_hal.core.config.quantity import Quantities, Quantity
 from dart_hal.core.types import INTERVAL_90
 from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
-from dart_lab.report.numbers import significant
+from dart_lab.report.numbers import significant, with_error
 
 # Verb of ``dart-hal calibrate`` by table of calibration.toml, or by the name of a quantity.
 CALIBRATION_VERBS = {
@@ -139,14 +140,15 @@ def _calibration(report: CarReport) -> Html:
     if found is None:
         return el("p", f"{report.files.folder}/calibration.toml does not exist: nothing was "
                        "measured.")
-    rows = [(name, *_interval(q), q.method or "-") for name, q in found.quantities().items()]
+    rows = [(name, _interval(name, q), q.method or "-")
+            for name, q in found.quantities().items()]
     when = found.provenance.get("when")
     age = ""
     if isinstance(when, datetime):
         aware = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
         age = f"Last written {aware:%d %B %Y}, {(report.now - aware).days} days ago. "
     return join([el("p", f"{age}File: {report.files.folder}/calibration.toml."),
-                 table(("quantity", "value", "90 % interval", "how it was measured"), rows, 1)])
+                 table(("quantity", "value, 90 % interval", "how it was measured"), rows, 1)])
 
 
 def _map(report: CarReport) -> Html:
@@ -161,10 +163,11 @@ def _map(report: CarReport) -> Html:
         [charts.Series(np.array(found.pulse_us), angle, half_width, "after")]))
 
 
-def _interval(q: Quantity | Quantities) -> tuple[str, str]:
+def _interval(name: str, q: Quantity | Quantities) -> str:
+    """Return the value with the half-width of its interval and its unit."""
     if isinstance(q, Quantity):
-        return significant(q.value, 5), f"+- {significant(INTERVAL_90 * q.std, 2)}"
-    return f"{len(q.value)} values", "-"
+        return with_error(q.value, INTERVAL_90 * q.std) + unit_of(name)
+    return f"{len(q.value)} values"
 
 
 def _runs(runs: Sequence[Digest]) -> Html:
