@@ -48,7 +48,7 @@ class SpeedRamp:
         self._offset = 0.0
         self._start_s: float | None = None
         self._last_t = 0.0
-        self._start_stretch(None)
+        self._use = self._max_offset = self._max_error = 0.0
 
     @property
     def factor(self) -> float:
@@ -86,6 +86,6 @@ class SpeedRamp:
             self.share = max(MIN_SHARE, self.share - SHARE_STEP)
         self._start_stretch(s)
 
-    def _start_stretch(self, s: float | None) -> None:
+    def _start_stretch(self, s: float) -> None:
         self._start_s = s
         self._use = self._max_offset = self._max_error = 0.0
