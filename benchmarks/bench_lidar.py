@@ -174,7 +174,8 @@ def matches_per_s(match: matcher.Matcher, scans: int) -> float:
 
     def work() -> None:
         for points in each:
-            match(chart, points, points, start, known, matcher.STEP_TOLERANCE)
+            match(chart, points, points, start, known, matcher.STEP_TOLERANCE,
+                  np.ones(len(points)))
 
     return scans / best_cpu(work, ROUNDS)
 

@@ -33,8 +33,9 @@ def test_the_kernel_agrees_with_numpy(small):
         pytest.skip("no C compiler")
     for seed in range(8):
         given = scan_of(seed)
-        want = matcher.match_numpy(*given, small)
-        got = by_c(*given, small)
+        spread = np.linspace(1.0, 4.0, len(given[1]))
+        want = matcher.match_numpy(*given, small, spread)
+        got = by_c(*given, small, spread)
         assert got.pose == pytest.approx(want.pose, abs=1e-9)
         assert got.info == pytest.approx(want.info, rel=1e-6, abs=1e-3)
         assert np.hypot(*(want.pose[:2] - given[3][:2])) > 0.01

@@ -8,6 +8,7 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, Scan
 from dart_hal.estimation.localisation.path import OdometrySteps, Stretch
+from dart_hal.estimation.localisation.range_noise import RangeNoise
 
 # Returned beams, a tenth of a scan: fewer are not enough for a match.
 MIN_BEAMS = 60
@@ -18,21 +19,23 @@ class Beams:
     """Beams of one scan in the axes of the car at the end of ``stretch``.
 
     points, rays, origin (n, 2) [m]: end points, their derivative by the relative scale of the
-    distances, and the start of each beam.
+    distances, and the start of each beam; spread (n,): of the noise, as ``RangeNoise`` returns it.
     """
 
     points: FloatArray
     rays: FloatArray
     origin: FloatArray
+    spread: FloatArray
     stretch: Stretch
 
 
-def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: float, *,
-                deskew: bool = True) -> Beams | None:
+def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: float,
+                noise: RangeNoise | None = None, *, deskew: bool = True) -> Beams | None:
     """Return the beams that came back; None if too few, or not covered by ``steps``.
 
     errors (4,): of wheels and gyro as ``OdometrySteps.stretch`` takes them; latency [s]: of the
-    stamps of the scan. deskew: False places all beams at the middle of the scan.
+    stamps of the scan; noise: learnt of the lidar, without it constant. deskew: False places all
+    beams at the middle of the scan.
     """
     returned = np.flatnonzero(np.isfinite(scan.distance))
     stamps = scan.t - latency
@@ -51,4 +54,5 @@ def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: f
     mount = scan.mount
     origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x + cy * mount.y))
     rays = range_[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-    return Beams(origin + rays, rays, origin, stretch)
+    spread = np.ones(len(range_)) if noise is None else noise.spread(range_)
+    return Beams(origin + rays, rays, origin, spread, stretch)

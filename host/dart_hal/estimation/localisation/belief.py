@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray
+from dart_hal.estimation.localisation.beams import Beams
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.matcher import Match, match
 from dart_hal.estimation.localisation.path import Stretch
@@ -98,11 +99,10 @@ class Belief:
         cov[index, index] += ERROR_WALK * (stretch.t[-1] - stretch.t[0])
         return Belief(float(stretch.t[-1]), mean, cov)
 
-    def update_with_scan(self, chart: Map, points: FloatArray, rays: FloatArray, stretch: Stretch
-                         ) -> tuple[Belief, Match]:
+    def update_with_scan(self, chart: Map, beams: Beams, stretch: Stretch) -> tuple[Belief, Match]:
         """Update with one scan; return the new belief and the match.
 
-        points, rays: as ``match`` takes them; stretch: from the middle of the scan to its end.
+        stretch: from the middle of the scan to its end.
         """
         end = float(stretch.pose[-1, 2])
         c = np.cos(self.mean[2] - end)
@@ -118,14 +118,14 @@ class Belief:
         # 2. Match scan and prior; accept the result if it is close to the prior.
         information = np.linalg.inv(observation @ self.cov @ observation.T)
         start = self.mean[MATCHED,]
-        found = match(chart, points, rays, start, information)
+        found = match(chart, beams.points, beams.rays, start, information, spread=beams.spread)
         innovation = found.pose - start
         if innovation @ information @ innovation < MAX_DISTANCE2:
             return self._correct(observation, information, found, innovation), found
         # 3. Otherwise the car was pushed or a wheel spun: match again with a wider prior.
         pushed = replace(self, cov=_widen_pose(self.cov))
         information = np.linalg.inv(observation @ pushed.cov @ observation.T)
-        found = match(chart, points, rays, start, information)
+        found = match(chart, beams.points, beams.rays, start, information, spread=beams.spread)
         innovation = found.pose - start
         return pushed._correct(observation, information, found, innovation, SCAN_PUSH_SHARE), found
 

@@ -26,6 +26,7 @@ from dart_hal.estimation.localisation.belief import (
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.health import MIN_PROOF, Status, TrackJudge, agreement
 from dart_hal.estimation.localisation.path import OdometrySteps
+from dart_hal.estimation.localisation.range_noise import RangeNoise
 from dart_hal.estimation.localisation.search import search, search_period
 
 # Scans after that of a search which its pose must explain; it is reported with the last of them.
@@ -71,6 +72,7 @@ class Localiser:
         self.belief: Belief | None = None
         self._start = None if start is None else np.array(start)
         self._steps = OdometrySteps()
+        self._noise = RangeNoise()
         self._watch = LidarHealthMonitor()
         self._yaw = 0.0
         self._judge = TrackJudge(1.0)
@@ -115,7 +117,8 @@ class Localiser:
         known = self.belief or self._learnt
         errors = DEFAULT_ERRORS if known is None else known.mean[ERRORS]
         late = 0.0 if known is None else float(known.mean[TAU])
-        return place_beams(scan, self._steps, errors, late, deskew=self.deskew)
+        self._noise.add(scan.range)
+        return place_beams(scan, self._steps, errors, late, self._noise, deskew=self.deskew)
 
     def _find(self, beams: Beams) -> bool:
         """Find the car by the given start, or by a search if one is due; return whether found."""
@@ -157,7 +160,7 @@ class Localiser:
         stretch = self._steps.stretch(self.belief.t, t, self.belief.mean[ERRORS])
         half = self._steps.stretch(0.5 * float(beams.stretch.t[0] + t), t, self.belief.mean[ERRORS])
         predicted = self.belief.predict(stretch)
-        belief = predicted.update_with_scan(self.chart, beams.points, beams.rays, half)[0]
+        belief = predicted.update_with_scan(self.chart, beams, half)[0]
         agreed = agreement(self.chart, belief.mean[MATCHED,], beams.points, beams.rays,
                            beams.origin)
         status = self._judge.add(agreed)

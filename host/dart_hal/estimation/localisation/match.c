@@ -1,7 +1,8 @@
 /* Gauss-Newton of `match_numpy` in matcher.py. `pose` is the start and becomes the result; `info` is
  * the information of the scan alone.
  *
- * p, q (n, 2) by rows: `points` and `rays`, the end points and their derivative by the scale. patch:
+ * p, q (n, 2) by rows: `points` and `rays`, the end points and their derivative by the scale; spread:
+ * factor of sigma and C of each. patch:
  * `Map.patch`, the distance at a node and its change by x, y and x y; left, low: `Map.origin`. c2:
  * C squared, far: MAX_WALL_DISTANCE, sigma: WALL_DISTANCE_STD, strength: C^4 / sigma^2,
  * steps: MAX_ITERATIONS. h, g: normal equations, of order 4, positive definite as `known` is:
@@ -35,7 +36,7 @@ static void solve(const double a[16], const double b[4], double x[4])
 }
 
 void match(int64_t n, const double *restrict p, const double *restrict q,
-           int64_t rows, int64_t columns, const double *restrict patch,
+           const double *restrict spread, int64_t rows, int64_t columns, const double *restrict patch,
            double left, double low, double cell, double c2, double far, double sigma,
            const double *restrict known, int64_t steps, double small, double *restrict pose,
            double *restrict info)
@@ -56,7 +57,8 @@ void match(int64_t n, const double *restrict p, const double *restrict q,
             const double grow = f[2] + f[3] * du;
             const double d = f[0] + f[1] * du + grow * dv;
             const double gx = (f[1] + f[3] * dv) / cell, gy = grow / cell;
-            const double e = c2 + d * d, w = d <= far ? strength / (e * e) : 0.0;
+            const double f = spread[i] * spread[i], e = c2 * f + d * d;
+            const double w = d <= far ? strength * f / (e * e) : 0.0;
             const double j[4] = {gx, gy, gy * rx - gx * ry, gx * qx + gy * qy};
             for (int a = 0; a < 4; a++) {
                 g[a] += w * j[a] * d;

@@ -5,6 +5,8 @@
     m = x, y, yaw, scale     R: rotation by yaw; p: end points of the scan; q: their change by scale
     rho(d) = d^2 / (1 + (d / C)^2)     Geman-McClure; as a weight of d^2: 1 / (1 + (d / C)^2)^2
 
+sigma and C of a beam grow with its noise (``range_noise.py``).
+
 d: distance field of the map. Points far from every wall (another car, an unknown box) have no
 influence. The second term is the prior of the filter: in a corridor, wheels determine the position
 along it.
@@ -45,22 +47,27 @@ class Match:
     info: FloatArray
 
 
-Matcher = Callable[[Map, FloatArray, FloatArray, FloatArray, FloatArray, float], Match]
+Matcher = Callable[
+    [Map, FloatArray, FloatArray, FloatArray, FloatArray, float, FloatArray], Match]
 
 
 def match(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-          known: FloatArray, small: float = STEP_TOLERANCE) -> Match:
+          known: FloatArray, small: float = STEP_TOLERANCE,
+          spread: FloatArray | None = None) -> Match:
     """Return the best pose for one scan, from ``start`` (4,), whose information is ``known``.
 
     points (n, 2) [m]: end points in the axes of the car at one time; rays (n, 2) [m]: their
     derivative by the relative error ``scale`` of the distances. small [m, rad, share]: largest
-    last step. Runs in C (``match.c``) if there is a compiler.
+    last step. spread (n,): factor of sigma and C of each beam, 1 without.
+    Runs in C (``match.c``) if there is a compiler.
     """
-    return (native_match() or match_numpy)(chart, points, rays, start, known, small)
+    spread = np.ones(len(points)) if spread is None else spread
+    return (native_match() or match_numpy)(chart, points, rays, start, known, small, spread)
 
 
 def match_numpy(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-                known: FloatArray, small: float = STEP_TOLERANCE) -> Match:
+                known: FloatArray, small: float = STEP_TOLERANCE,
+                spread: FloatArray | None = None) -> Match:
     """Implement ``match`` in NumPy.
 
     1. Transform the points and look up distance and gradient in the field.
@@ -69,6 +76,7 @@ def match_numpy(chart: Map, points: FloatArray, rays: FloatArray, start: FloatAr
     """
     (px, py) = np.ascontiguousarray(points.T)
     (qx, qy) = np.ascontiguousarray(rays.T)
+    spread2 = np.ones(len(points)) if spread is None else spread * spread
     pose = start.copy()
     jacobian = np.empty((4, len(points)))
     info = known
@@ -81,7 +89,7 @@ def match_numpy(chart: Map, points: FloatArray, rays: FloatArray, start: FloatAr
         rx = c * px - s * py + scale * qcx
         ry = s * px + c * py + scale * qcy
         d, gx, gy = chart.look(rx + pose[0], ry + pose[1])
-        weight = (d <= MAX_WALL_DISTANCE) / (C**2 + d * d)**2
+        weight = (d <= MAX_WALL_DISTANCE) * spread2 / (C**2 * spread2 + d * d)**2
         weight *= C**4 / WALL_DISTANCE_STD**2
         jacobian[0] = gx
         jacobian[1] = gy
@@ -105,17 +113,19 @@ def native_match() -> Matcher | None:
     number = ctypes.c_int64
     real = ctypes.c_double
     address = ctypes.c_void_p
-    compiled.argtypes = [number, address, address, number, number, address, *[real] * 6, address,
+    compiled.argtypes = [number, *[address] * 3, number, number, address, *[real] * 6, address,
                          number, real, address, address]
 
     def match_c(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-                known: FloatArray, small: float) -> Match:
-        p, q, k = (np.ascontiguousarray(a, dtype=np.float64) for a in (points, rays, known))
+                known: FloatArray, small: float, spread: FloatArray) -> Match:
+        p, q, k, f = (np.ascontiguousarray(a, dtype=np.float64)
+                      for a in (points, rays, known, spread))
         pose = np.array(start, dtype=np.float64)
         info = np.empty((4, 4))
         rows, columns = chart.distance.shape
-        compiled(len(p), p.ctypes.data, q.ctypes.data, rows, columns, chart.patch.ctypes.data,
-                 chart.origin[0], chart.origin[1], chart.cell, C * C, MAX_WALL_DISTANCE,
+        compiled(len(p), p.ctypes.data, q.ctypes.data, f.ctypes.data, rows, columns,
+                 chart.patch.ctypes.data, chart.origin[0], chart.origin[1], chart.cell, C * C,
+                 MAX_WALL_DISTANCE,
                  WALL_DISTANCE_STD, k.ctypes.data,
                  MAX_ITERATIONS, small, pose.ctypes.data, info.ctypes.data)
         return Match(pose, info)
@@ -131,7 +141,9 @@ def _is_equal(match_c: Matcher) -> bool:
     ends = np.vstack([a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0),
                                                           strict=True)])
     ends += 0.02 * np.sin(np.arange(2 * len(ends)).reshape(-1, 2)) - (2.0, 1.0)
-    arguments = chart, ends, ends, np.array((2.03, 0.96, 0.03, 0.0)), 100.0 * np.eye(4), 0.0
+    spread = np.linspace(1.0, 3.0, len(ends))
+    arguments = (chart, ends, ends, np.array((2.03, 0.96, 0.03, 0.0)), 100.0 * np.eye(4), 0.0,
+                 spread)
     expected = match_numpy(*arguments)
     result = match_c(*arguments)
     return bool(np.allclose(result.pose, expected.pose, rtol=0.0, atol=1e-9)

@@ -39,9 +39,10 @@ class LoopClosures:
         self.submaps: list[Submap] = []
         self.tried = 0
 
-    def find(self, frames: list[Keyframe], poses: FloatArray, k: int) -> list[Edge]:
-        """Return the closures of keyframe k, the newest."""
-        self._add_submap(frames, poses)
+    def find(self, frames: list[Keyframe], poses: FloatArray, k: int, cell: float
+             ) -> list[Edge]:
+        """Return the closures of keyframe k, the newest; cell [m] of the surfels."""
+        self._add_submap(frames, poses, cell)
         best = None
         for sub in self.submaps:
             if frames[sub.last].travel > frames[k].travel - MIN_LOOP_LENGTH:
@@ -56,14 +57,14 @@ class LoopClosures:
         self.tried += 1
         return [edge] if edge else []
 
-    def _add_submap(self, frames: list[Keyframe], poses: FloatArray) -> None:
+    def _add_submap(self, frames: list[Keyframe], poses: FloatArray, cell: float) -> None:
         """Add a submap once the car has driven its length."""
         begin = len(self.submaps) * SUBMAP_SPACING
         if frames[-1].travel < begin + SUBMAP_LENGTH:
             return
         ways = np.array([frame.travel for frame in frames])
         first, last = np.searchsorted(ways, (begin, begin + SUBMAP_LENGTH))
-        self.submaps.append(make_submap(frames, poses, int(first), int(last)))
+        self.submaps.append(make_submap(frames, poses, int(first), int(last), cell))
 
 
 def match_submap(sub: Submap, frame: Keyframe, start: FloatArray, k: int) -> Edge | None:

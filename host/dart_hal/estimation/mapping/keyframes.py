@@ -67,12 +67,13 @@ class Submap:
     chart: Map
 
 
-def make_submap(frames: list[Keyframe], poses: FloatArray, first: int, last: int) -> Submap:
-    """Make a submap of the keyframes first to last, at poses (n, 3)."""
+def make_submap(frames: list[Keyframe], poses: FloatArray, first: int, last: int,
+                cell: float) -> Submap:
+    """Make a submap of the keyframes first to last, at poses (n, 3); cell [m] of its surfels."""
     anchor = (first + last) // 2
     local = relative_pose(poses[anchor], poses[first:last + 1])
     points = collect_points(frames[first:last + 1], local)
-    return Submap(anchor, first, last, chart_of_points(points))
+    return Submap(anchor, first, last, chart_of_points(points, cell))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

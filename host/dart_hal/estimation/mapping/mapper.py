@@ -24,10 +24,11 @@ from dart_hal.estimation.localisation.belief import (
 )
 from dart_hal.estimation.localisation.localiser import MAX_SCAN_GAP
 from dart_hal.estimation.localisation.path import OdometrySteps
+from dart_hal.estimation.localisation.range_noise import RangeNoise
 from dart_hal.estimation.mapping.closures import LoopClosures
 from dart_hal.estimation.mapping.graph import Edge, relative_pose, solve
 from dart_hal.estimation.mapping.keyframes import Keyframe, ScanView, Survey, collect_points
-from dart_hal.estimation.mapping.surfels import chart_of_points
+from dart_hal.estimation.mapping.surfels import SURFEL_CELL, WIDE_SURFEL_CELL, chart_of_points
 
 # m from one keyframe to the next: what a car at 2 m/s drives in a revolution of the lidar.
 KEYFRAME_DISTANCE = 0.25
@@ -41,8 +42,10 @@ LOCAL_MAP_LENGTH = 6.0
 # m, m, rad: one sigma of a match, which the map of the last keyframes contains.
 MATCH_STD = np.array((0.002, 0.002, 0.001))
 # One sigma at the start. The first pose is the origin of the map; the lidar distances define its
-# scale, because the wheels know it less well.
-MAPPING_STDS = np.concatenate((MATCH_STD, START_STDS[3:8], (1e-5,)))
+# scale, because the wheels know it less well. The delay stays near its prior: where the map is made
+# of the same scans, it is confounded with their errors along the path.
+DELAY_STD = 0.003
+MAPPING_STDS = np.concatenate((MATCH_STD, START_STDS[3:7], (DELAY_STD, 1e-5)))
 
 
 class Mapper:
@@ -60,6 +63,7 @@ class Mapper:
         # Reason for a premature end, else empty.
         self.broken = ""
         self._steps = OdometrySteps()
+        self._noise = RangeNoise()
         self._deskew = deskew
         self._closures = LoopClosures() if closing else None
         self._travel = 0.0
@@ -71,6 +75,7 @@ class Mapper:
     def add(self, scan: Scan) -> None:
         """Add one scan; ignored if it has too few beams or no odometry."""
         known = self.belief or start_belief(0.0, np.zeros(3), MAPPING_STDS)
+        self._noise.add(scan.range)
         beams = place_beams(scan, self._steps, known.mean[ERRORS], float(known.mean[TAU]),
                             deskew=self._deskew)
         if beams is None or self.broken:
@@ -88,14 +93,21 @@ class Mapper:
         found = solve(self.poses, self.edges)
         return Survey(self.frames, found.poses, self.edges, found.weight)
 
+    @property
+    def _cell(self) -> float:
+        """Return the side [m] of the cells of surfels; far points of a noise that grows need more.
+
+        Their weights are equal: with weights by the noise the path was two to four times worse.
+        """
+        return SURFEL_CELL if self._noise.share == 0.0 else WIDE_SURFEL_CELL
+
     def _track(self, belief: Belief, beams: Beams) -> None:
         """Predict and match one scan; store it, or add a keyframe."""
         t = float(beams.stretch.t[-1])
         errors = belief.mean[ERRORS]
         stretch = self._steps.stretch(belief.t, t, errors)
         half = self._steps.stretch(0.5 * float(beams.stretch.t[0] + t), t, errors)
-        belief, _ = belief.predict(stretch).update_with_scan(self._chart, beams.points,
-                                                             beams.rays, half)
+        belief, _ = belief.predict(stretch).update_with_scan(self._chart, beams, half)
         self._travel += stretch.distance
         relative = relative_pose(self.poses[-1], belief.mean[POSE])
         x, y, yaw = relative.tolist()
@@ -115,14 +127,15 @@ class Mapper:
         if relative is not None and info is not None:
             self.edges.append(Edge(last - 1, last, relative, info))
         if self._closures is not None:
-            found = self._closures.find(self.frames, self.poses, last)
+            found = self._closures.find(self.frames, self.poses, last, self._cell)
             if found:
                 self.edges += found
                 self.poses = solve(self.poses, self.edges).poses
         self.belief = _fix_pose(belief, self.poses[-1])
         ways = np.array([frame.travel for frame in self.frames])
         first = int(np.searchsorted(ways, self._travel - LOCAL_MAP_LENGTH))
-        self._chart = chart_of_points(collect_points(self.frames[first:], self.poses[first:]))
+        self._chart = chart_of_points(collect_points(self.frames[first:], self.poses[first:]),
+                                      self._cell)
 
 
 def _view(beams: Beams, relative: FloatArray) -> ScanView:

@@ -14,21 +14,23 @@ from dart_hal.estimation.localisation.field import Map, map_of_pieces
 
 # m: a window of 3 cells is 8 sigma of a distance wide, and shorter than a side of a box.
 SURFEL_CELL = 0.04
+# m: the same where the noise grows with distance, by 1 % to 5 cm in 5 m.
+WIDE_SURFEL_CELL = 0.08
 # Points of a window from which on it has a direction.
 MIN_WINDOW_POINTS = 3
 # Length of a line in cells: the diagonal of its own, so that no ray passes between.
 SURFEL_LENGTH = 1.5
 
 
-def lines_of_points(points: FloatArray) -> FloatArray:
-    """Fit lines (m, 4) as x1, y1, x2, y2 [m] to points (n, 2) [m].
+def lines_of_points(points: FloatArray, cell: float = SURFEL_CELL) -> FloatArray:
+    """Fit lines (m, 4) as x1, y1, x2, y2 [m] to points (n, 2) [m] by cells [m].
 
     1. Sums of 1, x, y and their products in each cell and in its 3 x 3 window.
     2. Direction of the largest spread in the window.
     3. Mean of the cell, projected onto the line through the mean of the window.
     """
-    low = points.min(axis=0) - 2.0 * SURFEL_CELL
-    column, row = ((points.T - low[:, None]) / SURFEL_CELL).astype(int)
+    low = points.min(axis=0) - 2.0 * cell
+    column, row = ((points.T - low[:, None]) / cell).astype(int)
     columns = int(column.max()) + 2
     rows = int(row.max()) + 2
     index = row * columns + column
@@ -49,13 +51,13 @@ def lines_of_points(points: FloatArray) -> FloatArray:
     along = c * (own[0] - mx) + s * (own[1] - my)
     x = low[0] + mx + along * c
     y = low[1] + my + along * s
-    half = 0.5 * SURFEL_LENGTH * SURFEL_CELL
+    half = 0.5 * SURFEL_LENGTH * cell
     return np.column_stack((x - half * c, y - half * s, x + half * c, y + half * s))
 
 
-def chart_of_points(points: FloatArray) -> Map:
+def chart_of_points(points: FloatArray, cell: float = SURFEL_CELL) -> Map:
     """Return the map for ``match`` of points (n, 2) [m]."""
-    return map_of_pieces(lines_of_points(points))
+    return map_of_pieces(lines_of_points(points, cell))
 
 
 def _window(cells: FloatArray) -> FloatArray:

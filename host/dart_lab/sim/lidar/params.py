@@ -23,7 +23,8 @@ class LidarParams:
     """Parameters of one unit and its mounting.
 
     kind: key of its model; rate [1/s]: revolutions; ripple: relative variation of the speed within
-    one; skew: relative error of its clock; noise [m]: standard deviation of a distance; dropout:
+    one; skew: relative error of its clock; noise [m]: standard deviation of a distance,
+    and noise_share of the distance in addition; dropout:
     share of beams without an echo; least, most [m]: range; scale: true over reported distance; x, y
     [m], yaw [rad]: mount;
     clockwise: 1 upright, 0 upside down; gap [rad]: width of a sector without echoes, at 45 deg to
@@ -51,6 +52,7 @@ class LidarParams:
     lost: float = 0.0
     hertz: float = 1.0
     spot: float = 0.0
+    noise_share: float = 0.0
     kind: str = X4.key
 
     @property
@@ -78,7 +80,7 @@ _RANGE = {"rate": (4.0, 12.0), "ripple": (0.0, 0.2), "skew": (-0.005, 0.005), "n
           "dropout": (0.0, 1.0), "least": (0.0, 10.0), "most": (0.1, 16.0), "scale": (0.9, 1.1),
           "x": (-1.0, 1.0), "y": (-1.0, 1.0), "yaw": (-math.pi, math.pi), "clockwise": (0.0, 1.0),
           "gap": (0.0, math.tau), "delay": (0.0, 0.1), "jitter": (0.0, 0.1), "lost": (0.0, 0.9),
-          "hertz": (0.0, 1.0), "spot": (0.0, 0.1)}
+          "hertz": (0.0, 1.0), "spot": (0.0, 0.1), "noise_share": (0.0, 0.1)}
 
 
 # Data sheets: an LD19 controls its speed, 10 Hz, and measures 0.02 to 12 m within 1 to 3 cm; an

@@ -137,7 +137,8 @@ class LidarUnit:
         reach = self._spot_distance(t, laser, direction)
         beam = _directions(direction)
         r = np.linalg.norm(laser + reach[:, None] * beam - axis, axis=1)
-        distance = r / p.scale + p.noise * self._noise.normal(size=len(t))
+        noise = p.noise + p.noise_share * np.minimum(r, p.most)
+        distance = r / p.scale + noise * self._noise.normal(size=len(t))
         bearing = np.mod(p.yaw + sense * head - GAP_ANGLE + pi, tau) - pi
         no_echo = (r > p.most) | (r < p.least) | (self._noise.uniform(size=len(t)) < p.dropout)
         no_echo |= (np.abs(bearing) < 0.5 * p.gap) | (distance <= 0.0)
