@@ -18,7 +18,7 @@ from dart_lab.pages import calibrate_page
 from tests.common import EXCERPT, MOCK_URL
 
 
-def measured(**quantities):
+def make_result(**quantities):
     return Measured("car", "test", "imu", {f"imu.{name}": Quantity(*q, "test")
                                            for name, q in quantities.items()}, "residual", 1.0)
 
@@ -26,8 +26,8 @@ def measured(**quantities):
 def test_each_value_has_one_line_with_interval_unit_and_verdict(tmp_path):
     before = Calibration(car="car").with_quantities(
         {"imu.gyro_scale": Quantity(1.0, 0.001, "then"), "imu.mount_yaw": Quantity(0.1, 0.01, "")})
-    found = measured(gyro_scale=(1.001, 0.001), mount_yaw=(0.2, 0.01), gyro_bias=(0.01, 0.001))
-    path = calibrate_page.write_page([found], path=tmp_path / "a.html", files=None, before=before,
+    found = make_result(gyro_scale=(1.001, 0.001), mount_yaw=(0.2, 0.01), gyro_bias=(0.01, 0.001))
+    path = calibrate_page.write_page([found], path=tmp_path / "a.html", files=None, previous=before,
                                      command="dart-hal calibrate imu")
     text = path.read_text(encoding="utf-8")
     rows = [re.sub(r"<[^>]+>", "|", row) for row in text.split("<tr>") if "<wbr>" in row]
@@ -45,8 +45,8 @@ def test_map_is_drawn_over_its_samples(tmp_path):
     found = SteeringResult("car", "test", 5, 1.0, command, 0.3 * command, np.full(5, 0.01),
                            1500.0 + 300.0 * command, {"k_left": 1.0}, 0.01,
                            Estimate(0.01, 0.001), samples=samples)
-    path = calibrate_page.write_page([measured(gyro_scale=(1.0, 0.1)), found],
-                                     path=tmp_path / "a.html", files=None, before=None,
+    path = calibrate_page.write_page([make_result(gyro_scale=(1.0, 0.1)), found],
+                                     path=tmp_path / "a.html", files=None, previous=None,
                                      command="dart-hal calibrate all")
     first = path.read_text(encoding="utf-8").split("<nav")[0]
     assert "Steering map over the measurements" in first

@@ -36,7 +36,7 @@ from dart_hal.estimation.ring import RingLearner
 from dart_hal.vehicle.sets import PAPER
 
 from .by_hand import explain_standstill
-from .measured import Graph, Measured, map_outdated
+from .measured import FitGraph, Measured, map_outdated
 from .procedure import Bench, Option, Procedure, ProcedurePlan
 from .ring_table import make_ring_table
 from .runner import driving
@@ -121,12 +121,12 @@ def measure(bench: Bench, distance: float = DEFAULT_DISTANCE, runs: int = DEFAUL
                     graph=graph_rolls(taped, metres))
 
 
-def graph_rolls(taped: Sequence[Taped], metres: Quantity) -> Graph:
+def graph_rolls(taped: Sequence[Taped], metres: Quantity) -> FitGraph:
     """Return the taped distance of each roll minus the distance by the edges."""
     edges = np.array([t.rolled.edges for t in taped], dtype=float)
     distance = np.array([t.distance for t in taped])
     ends = np.array([0.0, float(edges.max())])
-    return Graph("Taped distance of each roll minus that by the encoder", "edges counted",
+    return FitGraph("Taped distance of each roll minus that by the encoder", "edges counted",
                  "difference [mm]", edges, 1e3 * (distance - metres.value * edges), ends,
                  0.0 * ends, 1e3 * INTERVAL_90 * metres.std * ends)
 

@@ -43,7 +43,7 @@ QUANTITY_UNITS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Graph:
+class FitGraph:
     """Measurements with the fit and its 90 % interval, for a page.
 
     x, y (n,): points. fit_x, fit_y, half (k,): curve and half-width of its interval.
@@ -79,7 +79,7 @@ class Measured:
     notes: tuple[str, ...] = ()
     written: str | None = None
     others: Mapping[str, str | DriveTable] = field(default_factory=dict)
-    graph: Graph | None = field(default=None, repr=False, compare=False)
+    graph: FitGraph | None = field(default=None, repr=False, compare=False)
 
     @property
     def unwritten(self) -> str:

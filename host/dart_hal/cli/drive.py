@@ -105,7 +105,7 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
 def map_gamepad(gamepad: bool, as_json: bool) -> None:
     """Ask for the controls of the gamepad and save its layout. Raises UsageError, PortMissing."""
     if not gamepad:
-        raise UsageError("--map asks for the controls of a gamepad", found="--map",
+        raise UsageError("--map is for the controls of a gamepad", found="--map",
                          expected="--gamepad --map")
     layout, name = ask_layout(JOYSTICK, lambda text: console.print(text, markup=False))
     path = save_layout(layout, name)

@@ -170,7 +170,7 @@ class JoystickWatch:
 
 def _ask_axis(watch: JoystickWatch, rest: dict[int, float], question: str,
               show: Callable[[str], None]) -> AxisTravel:
-    """Return the axis that moved farthest and came back, and in which direction it moved."""
+    """Return the axis that moved most and came back, and in which direction it moved."""
     show(f"{question}, then release it")
     watch.clear()
 
@@ -181,17 +181,17 @@ def _ask_axis(watch: JoystickWatch, rest: dict[int, float], question: str,
         down = watch.low[number] - middle
         return up if up > -down else down
 
-    def farthest() -> int:
+    def largest() -> int:
         return max(watch.values, key=lambda number: abs(travel(number)))
 
     def is_answered() -> bool:
-        if not watch.values or abs(travel(farthest())) < MIN_ANSWER_TRAVEL:
+        if not watch.values or abs(travel(largest())) < MIN_ANSWER_TRAVEL:
             return False
-        number = farthest()
+        number = largest()
         return abs(watch.values[number] - rest.get(number, 0.0)) < MAX_REST_ERROR
 
     watch.wait(is_answered, question)
-    number = farthest()
+    number = largest()
     return AxisTravel(number, float(round(rest.get(number, 0.0))),
                       1.0 if travel(number) > 0.0 else -1.0)
 

@@ -1,7 +1,7 @@
 """A gamepad read through SDL, whose database knows the layout of more than a thousand pads.
 
-The names of SDL's game controller become fixed numbers of axes and buttons, whatever the pad
-numbers them. Needs the packages of the extra ``gamepad``.
+The names of SDL's game controller become fixed numbers of axes and buttons, the same for every
+pad. Needs the packages of the extra ``gamepad``.
 """
 
 from __future__ import annotations

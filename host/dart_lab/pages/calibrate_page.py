@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.calibration.measured import Graph, Measured, unit_of
+from dart_hal.calibration.measured import FitGraph, Measured, unit_of
 from dart_hal.calibration.plot import model_pulses
 from dart_hal.calibration.result import Result, SteeringResult
 from dart_hal.core.config import Calibration, CarFiles, DriveTable, Quantity
@@ -19,51 +19,49 @@ from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant, with_error
 
-# Points of a curve: about the width of the picture in pixels.
-MAX_POINTS = 400
-
 
 @dataclass(frozen=True, slots=True)
 class MeasuredValue:
-    """One measured value; before: the value and standard error that it replaces, NaN for none."""
+    """One measured value; previous: the value and standard error that it replaces, NaN for none."""
 
     name: str
     value: float
     std: float
     unit: str
-    before: float = math.nan
-    before_std: float = math.nan
+    previous: float = math.nan
+    previous_std: float = math.nan
 
     def verdict(self) -> str:
         """State whether the value is new, as before or changed."""
-        if not math.isfinite(self.before):
+        if not math.isfinite(self.previous):
             return "new"
-        z = abs(self.value - self.before) / (math.hypot(self.std, self.before_std) or math.inf)
+        z = abs(self.value - self.previous) / (math.hypot(self.std, self.previous_std) or math.inf)
         if z <= MIN_CHANGE_Z:
             return "as before"
-        return f"changed by {significant(self.value - self.before)}{self.unit}"
+        return f"changed by {significant(self.value - self.previous)}{self.unit}"
 
-    def measured(self) -> str:
+    def format_value(self) -> str:
         """Return the value with the half-width of its 90 % interval and its unit."""
         return f"{with_error(self.value, INTERVAL_90 * self.std)}{self.unit}"
 
 
 def write_page(found: Sequence[Result], *, path: Path, files: CarFiles | None,
-               before: Calibration | None, command: str) -> Path:
+               previous: Calibration | None, command: str) -> Path:
     """Write the page of one or more results.
 
-    files: of the car; None for results of recordings. before: calibration that the results
+    files: of the car; None for results of recordings. previous: calibration that the results
     replace. Errors: OSError.
     """
-    values = [value for result in found for value in list_values(result, before)]
+    values = [value for result in found for value in list_values(result, previous)]
     # The steering map is the picture of a whole calibration.
     shown = sorted(found, key=lambda result: not isinstance(result, SteeringResult))
     graphs = [picture for result in shown if (picture := _draw_data(result, files))]
     first = graphs[0] if graphs else _draw_values(values)
     car = files.config.name if files else str(getattr(found[0], "car", "")) if found else ""
+    # Later sections are for readers who want to know more than the verdict.
     sections = {
         "values": ("Values", table(("value", "measured, 90 % interval", "verdict"),
-                                   [(_breakable(v.name), v.measured(), v.verdict())
+                                   [(_breakable(v.name), v.format_value(), v.verdict())
                                     for v in values], 1)),
         "details": ("Details", join([
             *(page.foldable(f"Data of {result.verb}", _details(result)) for result in found),
@@ -85,6 +83,7 @@ def _verdict(found: Sequence[Result], values: Sequence[MeasuredValue]) -> Html:
     lead = (f"{', '.join(result.verb for result in found) or 'Nothing'}: {len(values)} "
             f"value{'' if len(values) == 1 else 's'} measured.")
     lines = [line for result in found for line in result.summary().lines]
+    # An indented line is a detail of the fit above it, or a caution.
     cautions = [line.strip() for line in lines if line.startswith("  caution:")]
     fits = [line for line in lines if not line.startswith("  ")]
     return page.card(
@@ -101,14 +100,14 @@ def _breakable(name: str) -> Html:
     return join([group + dot, el("wbr"), key])
 
 
-def list_values(result: Result, before: Calibration | None) -> list[MeasuredValue]:
+def list_values(result: Result, previous: Calibration | None) -> list[MeasuredValue]:
     """Return the single values of a result, and the ends of a steering map."""
     if isinstance(result, SteeringResult):
-        return _steering_values(result, before)
+        return _steering_values(result, previous)
     if not isinstance(result, Measured):
         # A procedure of another package: its own table is under the details.
         return []
-    old = before.quantities() if before is not None else {}
+    old = previous.quantities() if previous is not None else {}
     out = []
     for name, q in result.quantities.items():
         if isinstance(q, Quantity):
@@ -118,7 +117,8 @@ def list_values(result: Result, before: Calibration | None) -> list[MeasuredValu
             out.append(MeasuredValue(name, q.value, q.std, unit_of(name), *known))
     for name, drive in result.others.items():
         if isinstance(drive, DriveTable):
-            past_drive = before.throttle.drive if before is not None else None
+            past_drive = previous.throttle.drive if previous is not None else None
+            # The previous curve is read at the speeds of the new one.
             for speed, pulse, std in zip(drive.speed, drive.pulse_us, drive.std_us, strict=True):
                 known = () if past_drive is None else (
                     float(np.interp(speed, past_drive.speed, past_drive.pulse_us)),
@@ -127,13 +127,14 @@ def list_values(result: Result, before: Calibration | None) -> list[MeasuredValu
     return out
 
 
-def _steering_values(result: SteeringResult, before: Calibration | None) -> list[MeasuredValue]:
+def _steering_values(result: SteeringResult, previous: Calibration | None) -> list[MeasuredValue]:
     """Return the angles at full right, straight and full left, and the backlash."""
-    past = before.steering if before is not None else None
+    past = previous.steering if previous is not None else None
     out = []
     for words, i in (("full right", 0), ("command 0", int(np.argmin(np.abs(result.command)))),
                      ("full left", len(result.command) - 1)):
         known: tuple[float, ...] = ()
+        # Compared at the same pulse: the command of a pulse depends on the map.
         if past is not None and past.map is not None and result.pulse_us is not None:
             pulse = float(result.pulse_us[i])
             known = (float(np.interp(pulse, past.map.pulse_us, past.map.angle_rad)),
@@ -159,10 +160,11 @@ def _draw_values(values: Sequence[MeasuredValue]) -> Html:
     """Draw every value with its interval, and the value before."""
     if not values:
         return Html()
-    rows = [charts.IntervalRow(v.name, v.value, INTERVAL_90 * v.std, v.before, v.measured())
+    # Values of different units share a picture, so each is drawn relative to its far end.
+    rows = [charts.IntervalRow(v.name, v.value, INTERVAL_90 * v.std, v.previous, v.format_value())
             for v in values]
     entries = [("after", "measured, 90 % interval")]
-    if any(math.isfinite(v.before) for v in values):
+    if any(math.isfinite(v.previous) for v in values):
         entries.append(("before", "before"))
     return join([svg.legend(entries), page.figure(
         "What was measured; the wider a line, the less is known", charts.draw_intervals(
@@ -179,7 +181,7 @@ def _draw_data(result: Result, files: CarFiles | None) -> Html:
     return _draw_graph(graph)
 
 
-def _draw_graph(graph: Graph) -> Html:
+def _draw_graph(graph: FitGraph) -> Html:
     nothing = np.full(len(graph.x), math.nan)
     return join([svg.legend([("before", graph.points_name), ("after", graph.curve_name)]),
                  page.figure(graph.title, charts.draw_lines(
@@ -188,14 +190,14 @@ def _draw_graph(graph: Graph) -> Html:
                       charts.Series(graph.x, graph.y, nothing, "before", joined=False)]))])
 
 
-def _throttle_graph(result: Result, files: CarFiles | None) -> Graph | None:
+def _throttle_graph(result: Result, files: CarFiles | None) -> FitGraph | None:
     """Return the pulses that keep a speed, next to those of the model; None for other results."""
     drive = getattr(result, "others", {}).get("throttle.drive")
     if not isinstance(drive, DriveTable) or files is None:
         return None
     speed = np.array(drive.speed)
     pulse = np.array(drive.pulse_us) - files.neutral_us
-    return Graph("Pulse that keeps a speed", "speed [m/s]", "pulse - neutral [us]",
+    return FitGraph("Pulse that keeps a speed", "speed [m/s]", "pulse - neutral [us]",
                  speed, model_pulses(files, speed) - files.neutral_us,
                  speed, pulse, INTERVAL_90 * np.array(drive.std_us),
                  points_name="model", curve_name="measured, 90 % interval")
@@ -207,7 +209,7 @@ def _draw_steering(result: SteeringResult) -> Html:
     entries = []
     if result.samples is not None:
         command, angle, direction = result.samples
-        step = -(-len(command) // MAX_POINTS)
+        step = -(-len(command) // charts.MAX_CURVE_POINTS)
         for side, style, words in ((1.0, "before", "reached from the right"),
                                    (-1.0, "refit", "reached from the left"),
                                    (0.0, "other", "first of a run")):
@@ -216,6 +218,7 @@ def _draw_steering(result: SteeringResult) -> Html:
                 entries.append((style, words))
                 series.append(charts.Series(command[rows], np.degrees(angle[rows]),
                                             np.full(len(rows), math.nan), style, joined=False))
+    # The map is drawn below the samples, so that both can be compared.
     half = np.degrees(INTERVAL_90 * result.angle_std)
     series.insert(0, charts.Series(result.command, np.degrees(result.angle), half, "after",
                                    marked=False))

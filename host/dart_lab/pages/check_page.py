@@ -14,8 +14,6 @@ from dart_hal.recording.check import PURPOSES, CheckSummary, RecordingCheck
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 
-# Points of a curve: about the width of the picture in pixels.
-MAX_POINTS = 400
 # Recordings with a picture under their details; each takes about 20 kB.
 MAX_PICTURES = 40
 
@@ -41,6 +39,7 @@ def write_page(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, st
 def _verdict(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, str]],
              whole: CheckSummary) -> Html:
     """Return the box: how many recordings are good for something, and what was skipped."""
+    # One recording is judged by its own sentence, several by their count.
     usable = sum(bool(c.good_for) for c in checks)
     lead = (f"{checks[0].verdict[:1].upper()}{checks[0].verdict[1:]}." if len(checks) == 1 else
             f"{usable} of {len(checks)} recordings are good for a fit or an evaluation.")
@@ -78,8 +77,8 @@ def _draw_speed(c: RecordingCheck) -> Html:
 
 
 def _series(t: FloatArray, speed: FloatArray, style: str) -> charts.Series:
-    """Return a curve of at most MAX_POINTS points."""
-    step = -(-len(t) // MAX_POINTS)
+    """Return a curve of at most MAX_CURVE_POINTS points."""
+    step = -(-len(t) // charts.MAX_CURVE_POINTS)
     return charts.Series(t[::step], speed[::step], np.full(len(t[::step]), math.nan), style,
                          marked=False)
 

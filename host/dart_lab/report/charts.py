@@ -19,6 +19,7 @@ ROW_HEIGHT = 17.0  # from one bar to the next
 NAMES_WIDTH = 145.0  # left of the bars
 # Smallest and largest height of a picture of paths, without its axes.
 PATH_HEIGHTS = (90.0, 300.0)
+MAX_CURVE_POINTS = 400  # about the width of a picture in pixels
 BAR_HEIGHT = 8.0  # of a bar in a table
 
 

@@ -27,7 +27,7 @@ def lan_option(command: CommandT) -> CommandT:
 def print_page_address(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
     """Print the addresses of a page; with lan also as a QR code, with as_json as one object.
 
-    The code needs the package segno; without it, a line says how to install it.
+    The code needs the package segno; without it, a line names the command that installs it.
     """
     if as_json:
         print_json({"urls": list(urls)})

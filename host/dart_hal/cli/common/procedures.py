@@ -136,7 +136,7 @@ def load_page(path: Path | None) -> Callable[[Sequence[Result], CarFiles | None]
 
     def write_page(found: Sequence[Result], files: CarFiles | None) -> None:
         before = None if files is None else files.calibration
-        writer(found, path=path, files=files, before=before,
+        writer(found, path=path, files=files, previous=before,
                command=shlex.join(["dart-hal", *sys.argv[1:]]))
         console.print(f"report: {path}", markup=False, highlight=False)
 

@@ -97,7 +97,7 @@ class Mapper:
     def _cell(self) -> float:
         """Return the side [m] of the cells of surfels; far points of a noise that grows need more.
 
-        Their weights are equal: with weights by the noise the path was two to four times worse.
+        Their weights are equal: with weights by the noise the path was 1.5 to 4 times worse.
         """
         return SURFEL_CELL if self._noise.share == 0.0 else WIDE_SURFEL_CELL
 
