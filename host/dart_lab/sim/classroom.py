@@ -42,8 +42,9 @@ FAULT_SIZES = {
 HEALTHY_SHARE = 0.2
 # Calibrations of every task: the diagnosis starts from them.
 FIRST_PROCEDURES = ("encoder", "imu")
-# One more for each car, after the diagnosis, which does not use it.
-LAST_PROCEDURES = ("steering", "esc")
+# One more for each car, after the diagnosis, which does not use it. A car whose battery fades ends
+# the calibration of its ESC with an error.
+LAST_PROCEDURES = ("steering",)
 
 
 @dataclass(frozen=True, slots=True)
