@@ -19,7 +19,7 @@ ELSEWHERE = {("export", "out")}
 """Outputs whose kind another argument decides; checked first in the verb."""
 MEANINGS = {"--html": "write the report: ", "--plot": "write a picture: ",
             "--plots": "write pictures into a folder: ",
-            "--out": "write the result for programs: "}
+            "--out": "write the result: "}
 """Each of these options has one meaning in all verbs; its help begins with it."""
 
 

@@ -171,13 +171,13 @@ def out_option(*suffixes: str, content: str, replaces: bool = False, default: Pa
     """
     return click.option("--out", type=OutputFile(*suffixes, replaces=replaces), default=default,
                         callback=_prefer_other_spelling, show_default=default is not None,
-                        metavar="FILE", help=f"write the result for programs: {content}")
+                        metavar="FILE", help=f"write the result: {content}")
 
 
 def out_folder_option(content: str, default: Path) -> Callable[[CommandT], CommandT]:
     """Return the decorator that adds ``--out`` of a verb whose result is several files."""
     return click.option("--out", type=OutputFolder(), default=default, show_default=True,
-                        metavar="FOLDER", help=f"write the result for programs: {content}")
+                        metavar="FOLDER", help=f"write the result: {content}")
 
 
 def old_spelling(old: str, new: str, kind: click.ParamType[Any]
