@@ -42,6 +42,7 @@ class Drive:
         self.world = world_of(backend)
         self.chip = next((d for d in self.world.bus.devices if isinstance(d, Ina219Model)), None)
         self.pulses = []
+        self.throttle = throttle
         self.states = []
         self.applied = []
         self.world.watchers.append(self._watch)
@@ -52,7 +53,7 @@ class Drive:
             for state in car.states(duration=seconds):
                 if change is not None:
                     change(self, state)
-                self.applied.append(car.drive(steering=0.0, throttle=throttle))
+                self.applied.append(car.drive(steering=0.0, throttle=self.throttle))
                 self.states.append(state)
             self.ended = self.world.t
 
@@ -106,9 +107,17 @@ def test_a_smaller_throttle_is_not_changed(throttle):
     assert "BATTERY" not in driven.applied[-1].limited
 
 
-def test_backward_throttle_is_limited_too():
-    driven = Drive("charge=-0.1", throttle=-0.5)
-    assert driven.states[-1].applied.throttle == pytest.approx(-0.2, abs=THROTTLE_COUNT)
+def test_the_brake_is_not_limited():
+    def brake(driven, state):
+        driven.throttle = 0.5 if state.t < 4.0 else -0.5
+
+    driven = Drive("charge=-0.1", change=brake)
+    assert any(a.throttle == pytest.approx(0.2, abs=THROTTLE_COUNT) for a in driven.applied)
+    assert driven.states[-1].applied.throttle == pytest.approx(-0.5, abs=THROTTLE_COUNT)
+    assert "BATTERY" not in driven.applied[-1].limited
+    full = min(driven.late_us()) - NEUTRAL_US
+    limited = max(us for t, us in driven.pulses if t < 4.0) - NEUTRAL_US
+    assert full < -2.0 * limited, "at the pin"
 
 
 def test_raw_pulses_are_limited_too():

@@ -72,7 +72,7 @@ class BatteryLimit:
 class BatteryMonitor:
     """Reads the sensor of an open car.
 
-    voltage [V]: newest reading, None: no sensor, or it does not answer; cap: largest |throttle|
+    voltage [V]: newest reading, None: no sensor, or it does not answer; cap: largest forward throttle
     while the battery is low, else None; trouble: why there is no voltage.
     """
 

@@ -155,7 +155,7 @@ class BatteryConfig(FileTable, frozen=True, kw_only=True):
     """The INA219 that measures the battery, on the bus of the PCA9685; without the table, none.
 
     ``cells`` in series. Voltages of a cell [V]: below ``warn_cell`` a warning, below ``limit_cell``
-    the throttle is limited to ``limited_throttle``.
+    forward throttle is limited to ``limited_throttle``; backward it may be the brake.
     """
 
     # The board of a JetRacer. A bare module has 0x40, the address of the PCA9685.

@@ -77,7 +77,7 @@ class Planner:
 
     ``demand``: of the supervisor's state; ``angle`` [rad], ``throttle``: of the last frame, from
     which the slew limits start; ``latched``: tripped, neutral until the state is no longer live;
-    ``obstacle``: no forward throttle; ``battery_cap``: largest |throttle| of a low battery.
+    ``obstacle``: no forward throttle; ``battery_cap``: largest throttle of a low battery.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
@@ -198,14 +198,16 @@ class Planner:
 
     def _exceeds_battery(self, throttle: float) -> bool:
         """Return whether a low battery does not allow a throttle."""
-        return self.battery_cap is not None and abs(throttle) > self.battery_cap
+        return self.battery_cap is not None and throttle > self.battery_cap
 
     def _throttle_range(self) -> tuple[float, float]:
         """Return the limits of the throttle, also of encoder, battery and obstacle."""
         limits = self._car.limits
-        cap = min((c for c in (self.throttle_cap, self.battery_cap) if c is not None), default=1.0)
+        cap = 1.0 if self.throttle_cap is None else self.throttle_cap
+        # A low battery does not limit throttle backward: it may be the brake.
+        forward = 1.0 if self.battery_cap is None else self.battery_cap
         return (max(limits.min_throttle, -cap),
-                min(limits.max_throttle, cap, 0.0 if self.obstacle else 1.0))
+                min(limits.max_throttle, cap, forward, 0.0 if self.obstacle else 1.0))
 
     def _raw_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the ranges [us] of servo and ESC in RAW: the car's limits, as in ARMED."""
