@@ -15,8 +15,8 @@ from tests.common import ROOT
 
 OUTPUT_OPTION = re.compile(r"--(out|out-model|plot|plots|html|record|csv)$")
 CHECKED = (outputs.OutputFile, outputs.OutputFolder, outputs.PlotFileOrFolder)
-ELSEWHERE = {("export", "out")}
-"""Outputs whose kind another argument decides; checked first in the verb."""
+ELSEWHERE = {("export", "out"), ("class", "out")}
+"""Checked first in the verb: another argument decides the kind, or an older folder is refused."""
 MEANINGS = {"--html": "write the report: ", "--plot": "write a picture: ",
             "--plots": "write pictures into a folder: ",
             "--out": "write the result: "}

@@ -9,7 +9,7 @@ from dart_hal import Car
 from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control import follow as rules
 from dart_hal.control import stopping
-from dart_hal.control.follow import MAX_POSE_GAP, Phase, Rules
+from dart_hal.control.follow import MAX_BRIDGED_GAP, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.core.errors import Disarmed
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
@@ -84,9 +84,11 @@ def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
     first = t[np.argmax(us > neutral + 5.0)]
     assert 0.5 < first < POSES_LOST_S - 1.0
     assert np.abs(us[t < first] - neutral).max() < 5.0  # while it waits and arms
-    late = t > POSES_LOST_S + MAX_POSE_GAP + 0.05
+    late = t > POSES_LOST_S + MAX_BRIDGED_GAP + 0.05
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > POSES_LOST_S + MAX_POSE_GAP + SLOW_SPEED_MS].max() < neutral + 5.0
+    assert us[t > POSES_LOST_S + MAX_BRIDGED_GAP + SLOW_SPEED_MS].max() < neutral + 5.0
+    bridged = (t > POSES_LOST_S + 0.5) & (t < POSES_LOST_S + MAX_BRIDGED_GAP)
+    assert us[bridged].max() > neutral + 5.0, "the estimate is certain: it drives on"
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
@@ -142,6 +144,7 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
 @pytest.mark.slow
 def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
     monkeypatch.setattr(stopping, "STUCK_TIME", 1e9)
+    monkeypatch.setattr(rules, "MAX_BRIDGED_GAP", 1e9)
     monkeypatch.setattr(rules, "MAX_POSE_GAP", 1e9)
     with pytest.raises(NeverEnds):
         driven(60.0, blocked=True, until=10.0, lost_at=5.0)
@@ -149,7 +152,8 @@ def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
+    monkeypatch.setattr(rules, "MAX_BRIDGED_GAP", 1e9)
     monkeypatch.setattr(rules, "MAX_POSE_GAP", 1e9)
     _, neutral, pulses = driven(seconds=7.0)
     t, us = pulses.T
-    assert us[t > POSES_LOST_S + MAX_POSE_GAP + SLOW_SPEED_MS].max() > neutral + 20.0
+    assert us[t > POSES_LOST_S + MAX_BRIDGED_GAP + SLOW_SPEED_MS].max() > neutral + 20.0

@@ -72,8 +72,8 @@ class BatteryLimit:
 class BatteryMonitor:
     """Reads the sensor of an open car.
 
-    voltage [V]: newest reading, None: no sensor, or it does not answer; cap: largest forward throttle
-    while the battery is low, else None; trouble: why there is no voltage.
+    voltage [V]: newest reading, None: no sensor, or it does not answer; cap: largest forward
+    throttle while the battery is low, else None; trouble: why there is no voltage.
     """
 
     def __init__(self, backend: Backend, config: BatteryConfig) -> None:

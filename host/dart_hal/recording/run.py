@@ -368,7 +368,12 @@ class RunReader:
         return self._decode({_SCANS[0]: lambda t, data: cdr.decode_scan(data, t)})
 
     def battery(self) -> Iterator[tuple[float, float]]:
-        """Return the readings of the battery in order: time [s], V (NaN: it was lost)."""
+        """Return the readings of the battery in order: time [s], V (NaN: it was lost).
+
+        A channel of that name with messages of another type is another program's.
+        """
+        if self._mcap.types.get(_BATTERY[0]) != _NUMBER:
+            return iter(())
         return self._decode({_BATTERY[0]: lambda t, data: (t, cdr.decode_number(data))})
 
     def images(self) -> Iterator[Image]:

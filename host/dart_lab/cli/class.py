@@ -29,7 +29,8 @@ from dart_lab.sim.classroom import (
 @click.option("--names", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               default=None, metavar="FILE", help="the same for the names in a file, one a line")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("class"),
-              show_default=True, help="folder to write: lecturer/class.json, students/NNN.md")
+              metavar="FOLDER", show_default=True,
+              help="write the result: lecturer/class.json, students/NNN.md")
 @click.option("--mark", type=click.Path(path_type=Path, exists=True, file_okay=False),
               default=None, metavar="CARS",
               help="mark the cars' folders that the students handed in")

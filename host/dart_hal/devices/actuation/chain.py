@@ -198,7 +198,7 @@ class Actuator:
         self._planner.throttle_cap = cap
 
     def set_battery_cap(self, cap: float | None) -> None:
-        """Limit forward throttle from the next frame on because the battery is low; None = no limit."""
+        """Limit forward throttle from the next frame on: the battery is low; None = no limit."""
         self._planner.battery_cap = cap
 
     def set_obstacle(self, obstacle: bool) -> None:
