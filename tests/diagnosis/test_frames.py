@@ -57,7 +57,8 @@ def test_offset_that_is_free_is_one_coordinate_even_if_it_is_listed_twice():
     assert space.names == ("tyres.front_D", "mocap_offset_x.k")
 
 
-@pytest.mark.parametrize("refit", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("refit", [False, True])
 def test_error_of_a_frame_is_no_cause(refit):
     """The negative control: the same error of a frame that is stated as known is one."""
     file, p = find_model("paper")

@@ -67,6 +67,7 @@ def test_a_hidden_effect_is_in_the_predictor_and_predicts_a_test_drive():
     assert errors_at_1_s(b.horizons)[0] < 0.4 * errors_at_1_s(refitted.horizons)[0]
 
 
+@pytest.mark.slow
 def test_where_nothing_is_hidden_the_refit_is_the_predictor():
     d = diagnose_hidden(hidden=False)
     assert d.predictor.effects == {}
@@ -134,6 +135,7 @@ def test_terminal_page_and_json_state_the_same(hidden, sentence, capsys):
     assert len(answer["left_out"]) == 4
 
 
+@pytest.mark.slow
 def test_a_better_fit_without_effects_is_called_one():
     b = diagnose_hidden(hidden=False).predictor
     assert "No effects significantly lower" in predictor(b)

@@ -289,6 +289,7 @@ def test_building_the_package_compiles_all_variants(hook, version, pure):
     assert data.get("tag") == (None if pure else tag)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_portable_libraries_are_used_where_nothing_can_be_compiled(nothing_built, monkeypatch):
     build.build_committed(build.BUILT, portable=True)

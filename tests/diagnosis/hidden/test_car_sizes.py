@@ -77,6 +77,7 @@ def check_sizes(found, hidden, units):
         assert 0.4 < std / its_std < 2.5, (name, effect)
 
 
+@pytest.mark.slow
 def test_a_hidden_force_is_found_at_all_sizes(tmp_path):
     hidden = {"rolling_resistance": 0.5}
     check_sizes(diagnose_sizes(tmp_path, hidden, 30.0), hidden, {"rolling_resistance": "N"})

@@ -51,6 +51,7 @@ def test_the_gap_of_a_second_is_bridged():
     assert r.off.max() < 0.03
 
 
+@pytest.mark.slow
 def test_searches_while_lost_take_a_limited_share_of_the_time(monkeypatch):
     """In another room; the control is a limit of the share that no search reaches."""
     d = drive(2005, hidden(2005, seconds=4.0))
