@@ -28,12 +28,12 @@ def vary(p: Vehicle, low: float, high: float, rng: np.random.Generator) -> Vehic
     """A vehicle with each varied parameter off by a share between ``low`` and ``high``."""
     known = values(p)
 
-    def changed(name: str) -> float:
+    def change_value(name: str) -> float:
         if not name.startswith(VARIED):
             return known[name]
         return known[name] * (1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
 
-    return bind(p, changed)
+    return bind(p, change_value)
 
 
 def drive_once(car: Vehicle, tracker: str, speed: float, *, careful: bool

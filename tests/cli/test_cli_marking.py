@@ -140,7 +140,7 @@ def test_marking_needs_reveal(verb, tmp_path):
     assert "--reveal" in refused["what"] + str(refused["found"]) + refused["try"]
 
 
-def identified(cars, car="sim-7", **sections):
+def write_model(cars, car="sim-7", **sections):
     """Save a model with these quantities as the model of a car."""
     model = model_of(PAPER)
     for section, entries in sections.items():
@@ -156,10 +156,10 @@ def test_parameters_of_a_model_are_marked_as_a_fit_sees_them(tmp_path):
     scale = 450.0 / truth["sensors"]["throttle.saturation_us"]
     offset = (1500.0 - truth["sensors"]["throttle.neutral_us"]) / 450.0
     delay = truth["vehicle"]["delay"]["steering_s"]["value"] + 0.0119
-    identified(tmp_path,
-               motor={"d": Quantity(motor["d"] * scale, 1e-3), "e": Quantity(motor["e"], 1e-3),
-                      "g": Quantity(motor["g"] / scale + offset, 1e-4)},
-               delay={"steering_s": Quantity(delay, 1e-3), "steering_lag_s": Quantity(0.03, 0.1)})
+    write_model(tmp_path,
+                motor={"d": Quantity(motor["d"] * scale, 1e-3), "e": Quantity(motor["e"], 1e-3),
+                       "g": Quantity(motor["g"] / scale + offset, 1e-4)},
+                delay={"steering_s": Quantity(delay, 1e-3), "steering_lag_s": Quantity(0.03, 0.1)})
     found = marks(SEED_7, tmp_path)
     # A parameter without a standard error was not measured; a lag has no true counterpart.
     assert set(found) == {"model.motor.d", "model.motor.e", "model.motor.g",
@@ -174,17 +174,18 @@ def test_parameters_of_a_model_are_marked_as_a_fit_sees_them(tmp_path):
 def test_parameters_that_an_effect_changes_are_not_marked(tmp_path):
     steering = {"s0": Quantity(0.0, 1.0)}
     motor = {"d": Quantity(20.0, 1.0)}
-    identified(tmp_path, "sim-0", motor=motor, steering=steering)
+    write_model(tmp_path, "sim-0", motor=motor, steering=steering)
 
-    def shown(effect):
+    def list_marked(effect):
         sheet = mark_car(Url.parse(f"sim://?nano=mock{effect}"), [tmp_path])
         return {mark.name for mark in sheet.marks if mark.group == "model"}, set(sheet.unmarked)
 
-    assert shown("") == ({"motor.d", "steering.s0"}, set())
-    assert shown("&effect=battery_fade:-0.3") == ({"steering.s0"}, {"model.motor.d"})
-    assert shown("&effect=steering_backlash:0.1") == ({"motor.d"}, {"model.steering.s0"})
-    assert shown("&effect=motor_gain:-0.1") == ({"steering.s0"}, {"model.motor.d"})
-    assert shown("&effect=lateral_pull:0.05") == (set(), {"model.motor.d", "model.steering.s0"})
+    assert list_marked("") == ({"motor.d", "steering.s0"}, set())
+    assert list_marked("&effect=battery_fade:-0.3") == ({"steering.s0"}, {"model.motor.d"})
+    assert list_marked("&effect=steering_backlash:0.1") == ({"motor.d"}, {"model.steering.s0"})
+    assert list_marked("&effect=motor_gain:-0.1") == ({"steering.s0"}, {"model.motor.d"})
+    assert list_marked("&effect=lateral_pull:0.05") == (
+        set(), {"model.motor.d", "model.steering.s0"})
 
 
 @pytest.mark.slow

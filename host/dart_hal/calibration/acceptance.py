@@ -48,7 +48,7 @@ CONSTANT_DURATION = 5.0
 SPEED_SETTLING = 2.0
 # Full turns of the car by hand to each side: 0.5 deg of 1080.
 HAND_TURNS = 3
-# s: arming ends at one of the STATE frames, with pulses that are 20 ms apart.
+# s: arming ends at one of the STATE frames, with a pulse each 20 ms.
 ARMING_TIME_STD = 0.05
 # One sigma of turns that are counted by hand, by a mark on the tyre.
 COUNTED_TURNS_STD = 0.05

@@ -31,11 +31,11 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.i2c import SocketBus, open_bus
 from dart_hal.devices.links.smbus import SmbusBus
 
-# s between two readings.
+# s between two readings: four decide within a second, and one PWM frame of twelve has a reading.
 READ_INTERVAL = 0.25
-# s after which a reading no longer counts.
+# s after which a reading no longer counts: three in a row have failed.
 MAX_READING_AGE = 1.0
-# Readings in a row that decide.
+# Readings in a row that decide: one second, longer than an acceleration at full throttle.
 DECIDING_READINGS = 4
 # V per cell above the threshold of the limit at which it ends: more than the sag of a pack of two
 # cells with 50 mohm at 8 A, 0.2 V per cell.
@@ -160,7 +160,7 @@ class BatteryMonitor:
         address = self._config.address
         try:
             if self._bus is None:
-                # A connection of its own: the kernel keeps whole transactions apart.
+                # A connection of its own: the kernel separates whole transactions.
                 self._bus = self._shared if self._spec is None else open_bus(self._spec)
             if not self._checked:
                 check_ina219(self._bus, address, self._config.cells)

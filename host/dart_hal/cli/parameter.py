@@ -15,8 +15,9 @@ from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import PARAM_BY_NAME, PARAM_SET, PARAM_STATUS, PARAMS, Param
 
 USAGE = "dart-hal parameter NAME VALUE; --help lists the names"
-# s that the Nano needs after its port was opened.
+# s that the Nano needs after its port was opened: its bootloader waits for a sketch first.
 BOOT_TIME = 2.0
+# Requests until the link counts as lost: one damaged frame is rare, three are no accident.
 MAX_REQUESTS = 3
 # s to wait for the answer to one request.
 ANSWER_TIMEOUT = 0.5

@@ -169,7 +169,7 @@ class Gamepad:
     def _move(self, number: int, value: int, initial: bool) -> None:
         layout = self._layout
         if initial and number in (layout.forward.number, layout.backward.number):
-            # Before its first report a pad may claim a deflection that nobody commands.
+            # Before its first report a pad may claim a deflection without a hand on it.
             self._axes.pop(number, None)
             return
         self._axes[number] = max(-1.0, value / FULL_SCALE)

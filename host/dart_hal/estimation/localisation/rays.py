@@ -41,7 +41,7 @@ MAX_GRID_CELLS = 250_000
 MAX_JUMP = 255
 # Lines of a block, which ``rays.c`` tries at once.
 BLOCK = 4
-# m by which a line reaches into cells beside it: more than the rounding of a ray's position.
+# m by which a line reaches into neighbouring cells: more than the rounding of a ray's position.
 CELL_OVERLAP = 1e-6
 # Lines from which on the grid is quicker than all pairs in NumPy.
 MIN_LINES_OF_GRID = 250
