@@ -25,7 +25,8 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 	@$(BIN)/dart-hal demo --out demo $(ARGS)
 
 # Real time comes behind the tests that keep the processors busy, from the files that name it:
-# collecting all of them takes as long as running these. They mostly wait: four run at a time.
+# collecting all of them takes as long as running these. They mostly wait: four run at a time,
+# and one where each is several programs.
 # 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
@@ -35,7 +36,7 @@ test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (abou
 
 test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(slow or hypothesis) and not (long or realtime)" $(ARGS)
-	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and realtime and not long" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@$(BIN)/python -m pytest -m "slow and realtime and not long" $(ARGS) $(REALTIME) || test $$? -eq 5
 
 test-long: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
 	@$(BIN)/python -m pytest -m long $(ARGS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import itertools
 import os
+import time
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -30,6 +31,12 @@ settings.load_profile("dev")
 
 HOME = Path(__file__).resolve().parents[1]
 
+CPU_PRESSURE = Path("/proc/pressure/cpu")
+"""Linux: how long some task was ready and waited for a processor (the kernel's PSI)."""
+MAX_WAITING_SHARE = 0.5
+"""Share of a test's time. Above it the computer was too busy to keep real time: two busy programs
+beside two tests on two cores give .9, the tests alone .1 to .3."""
+
 TESTS = itertools.count()
 SHORT_NEUTRAL = 0.1
 """s of neutral that an ESC needs where it was armed before: five pulses."""
@@ -54,6 +61,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     fits: dict[tuple[str, str], bool] = {}
     for item in items:
+        if item.get_closest_marker("realtime"):
+            item.add_marker(pytest.mark.flaky(reruns=2, condition=was_busy))
         mark = item.get_closest_marker("slow_except")
         case = getattr(item, "callspec", None)
         if mark and case:
@@ -65,6 +74,32 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     wrong = sorted(key for key, fit in fits.items() if not fit)
     if wrong and not any("[" in argument for argument in config.args):
         raise pytest.UsageError(f"marks `slow_except` for cases that do not exist: {wrong}")
+
+
+def read_waiting_time() -> tuple[float, float]:
+    """Read the time [s], and how long until now some task waited for a processor [s]."""
+    waited = CPU_PRESSURE.read_text().split("total=")[1].split()[0] if CPU_PRESSURE.exists() else 0
+    return time.monotonic(), int(waited) * 1e-6
+
+
+def was_busy() -> bool:
+    """Whether other programs kept the processors busy during the present test.
+
+    A test in real time that fails on such a computer is repeated, twice at most. On one that has
+    time its first failure counts.
+    """
+    (begun, waited_before), (now, waited) = STARTED[-1], read_waiting_time()
+    return waited - waited_before > MAX_WAITING_SHARE * (now - begun)
+
+
+STARTED = [read_waiting_time()]
+"""When the present test began, as ``read_waiting_time`` states it."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Note how busy the computer is when a test, or its repetition, begins."""
+    STARTED[:] = [read_waiting_time()]
 
 
 @pytest.fixture(scope="session")

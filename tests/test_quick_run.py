@@ -1,8 +1,7 @@
-"""`slow_except` decides which cases of a test `make test` runs."""
+"""`slow_except` decides which cases `make test` runs; a busy computer repeats real time."""
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,9 +22,11 @@ def test_cases(n): pass
 
 def run(folder: Path, sample: str, *options: str) -> subprocess.CompletedProcess[str]:
     """Run pytest on a sample with the hooks of these tests."""
-    shutil.copy(Path(__file__).with_name("conftest.py"), folder)
+    hooks = Path(__file__).with_name("conftest.py").read_text()
+    assert "/proc/pressure/cpu" in hooks
+    (folder / "conftest.py").write_text(hooks.replace("/proc/pressure/cpu", "pressure.txt"))
     (folder / "test_sample.py").write_text(sample)
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  slow\n  slow_except\n")
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  slow\n  slow_except\n  realtime\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
 
@@ -44,3 +45,27 @@ def test_a_name_of_no_case_is_an_error(tmp_path):
     done = run(tmp_path, SAMPLE.replace('"1*"', '"1", "x"'), "--collect-only")
     assert done.returncode != 0
     assert "'x'" in done.stdout + done.stderr
+
+
+LATE_ONCE = """
+import time
+from pathlib import Path
+import pytest
+
+@pytest.mark.realtime
+def test_late_once():
+    with Path("runs.txt").open("a") as runs:
+        print("run", file=runs)
+    time.sleep(0.05)
+    Path("pressure.txt").write_text("some avg10=0.00 total={waited}")
+    assert Path("runs.txt").read_text().count("run") > 1
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("waited", "runs"), [(1_000_000, 2), (0, 1)])
+def test_a_failure_in_real_time_is_repeated_only_if_the_computer_was_busy(tmp_path, waited, runs):
+    (tmp_path / "pressure.txt").write_text("some avg10=0.00 total=0")
+    done = run(tmp_path, LATE_ONCE.format(waited=waited))
+    assert (tmp_path / "runs.txt").read_text().count("run") == runs
+    assert (done.returncode == 0) == (runs == 2), done.stdout

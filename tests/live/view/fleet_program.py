@@ -13,8 +13,22 @@ import time
 from functools import partial
 from pathlib import Path
 
+from dart_hal import errors
 from dart_hal.car import Fleet
 from dart_lab.sim.truth import world_of
+
+MAX_ARM_TRIES = 20
+
+
+def arm(fleet):
+    """A busy computer leaves gaps in the frames: arm as soon as a second had none."""
+    for _ in range(MAX_ARM_TRIES - 1):
+        try:
+            return fleet.arm()
+        except errors.NotArmed:
+            for _ in fleet.states(duration=1.0):
+                pass
+    return fleet.arm()
 
 
 def note_pulse(pulses, channel, pulse):
@@ -30,7 +44,7 @@ def main(room, seed, out):
         pins = {car.files.config.name: [] for car in fleet.cars}
         for car, pulses in zip(fleet.cars, pins.values(), strict=True):
             world_of(car._engine.backend).watchers.append(partial(note_pulse, pulses))
-        fleet.arm()
+        arm(fleet)
         for _ in fleet.states():
             for car in fleet.cars:
                 car.drive(steering=0.1, throttle=0.3)
