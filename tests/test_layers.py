@@ -152,6 +152,12 @@ def test_import_dart_hal_is_light():
     assert not heavy & got
 
 
+def test_a_program_that_imports_the_car_loads_no_vehicle_model_and_no_recording():
+    got = list_loaded("from dart_hal import Car")
+    assert not {"dart_hal.vehicle.parameters", "dart_hal.control.loop", "dart_hal.recording.run",
+                "dart_hal.estimation.room", "shutil"} & got
+
+
 @pytest.mark.parametrize("statement", [
     "from dart_hal import Car, Fleet", "import dart_hal.car", "import dart_hal.recording",
     "import dart_hal.devices.actuation", "import dart_hal.devices.links.serial_port",

@@ -36,7 +36,6 @@ from dart_hal.car.recorder import Record, Recorder, rename_existing
 from dart_hal.car.timing import LoopTimer, Timing, check_every
 from dart_hal.car.viewers import open_viewer
 from dart_hal.compat import accept_old_keyword, load_moved_member
-from dart_hal.control.loop import SpeedLoop
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import EndOfRecording, NoHello
 from dart_hal.core.notebook import card
@@ -102,6 +101,9 @@ class Car:
     raise_on_trip = True
 
     def __init__(self, backend: Backend, files: CarFiles, record: Record | None = None) -> None:
+        # Imported here, with the vehicle model: a program that imports ``Car`` starts sooner.
+        from dart_hal.control.loop import SpeedLoop
+
         self.files = files
         self.notices = backend.notices
         self.url = backend.url.text

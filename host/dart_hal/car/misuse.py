@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from numbers import Real
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from dart_hal.core.errors import LinkLost, UnknownAttribute, UsageError
-from dart_hal.recording.run_file import RunFile
+
+if TYPE_CHECKING:
+    from dart_hal.recording.run_file import RunFile
 
 # Attributes of a car that are neither method nor property.
 CAR_ATTRIBUTES = ("files", "notices", "raise_on_trip", "url")
@@ -41,6 +43,8 @@ TABLE_SUFFIXES = (".csv", ".parquet", ".json", ".bag", ".db3")
 
 def check_record(path: str | Path | RunFile) -> None:
     """Raise UsageError for a file whose name belongs to another format than MCAP."""
+    from dart_hal.recording.run_file import RunFile
+
     path = path.path if isinstance(path, RunFile) else path
     if Path(path).suffix.lower() in TABLE_SUFFIXES:
         raise UsageError(f"{path}: a recording is an MCAP file", found=Path(path).name,

@@ -14,12 +14,11 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.types import ExternalPose, State
 from dart_hal.devices.links.base import Backend
-from dart_hal.estimation.odometry import Odometry
-from dart_hal.estimation.pose_model import MarkerModel
-from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator
 
 if TYPE_CHECKING:
     from dart_hal.estimation.localisation.source import LidarPoses
+    from dart_hal.estimation.odometry import Odometry
+    from dart_hal.estimation.room import ExternalPoseEstimator
 
 
 class PoseFeed:
@@ -53,15 +52,15 @@ class PoseFeed:
         return states
 
 
-# Marker of poses by the car's own lidar: at the rear axle, on the car's own clock.
-AXLE = MarkerModel(std=(0.001, 0.001, 0.002, 0.002))
-
-
 def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> ExternalPoseEstimator:
     """Return the estimator of the pose in the room, with the marker of ``calibrate mocap``.
 
     Without a calibration the estimator identifies the marker itself.
     """
+    # Imported here: a car without poses needs no filter of them.
+    from dart_hal.estimation.pose_model import MarkerModel
+    from dart_hal.estimation.room import AXLE, UNKNOWN_MARKER, ExternalPoseEstimator
+
     if source.on_board:
         return ExternalPoseEstimator(odometry, AXLE, own_clock=True)
     table = files.calibration.mocap if files.calibration else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from dart_hal.car.engine import Engine
 from dart_hal.car.misuse import check_note
@@ -11,13 +12,14 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.recording.live_file import LiveFile
 from dart_hal.recording.log import LogNames
-from dart_hal.recording.run import RunWriter
-from dart_hal.recording.run_file import RunFile
+
+if TYPE_CHECKING:
+    from dart_hal.recording.run import RunWriter
+    from dart_hal.recording.run_file import RunFile
 
 # Target of a recording: a file of its own, or one that the cars of a fleet share.
-Record = str | Path | RunFile
+Record: TypeAlias = "str | Path | RunFile"
 # Files of a car that go into the recording.
 CAR_FILES = ("car.toml", "calibration.toml", "model.toml")
 
@@ -118,6 +120,8 @@ class Recorder:
             >>> car.recorder.path.name
             'run.mcap'
         """
+        from dart_hal.recording.live_file import LiveFile
+
         writer = self._writer
         return None if writer is None or isinstance(writer.file, LiveFile) else writer.path
 
@@ -146,6 +150,8 @@ class Recorder:
             True
         """
         if self._writer is None:
+            from dart_hal.recording.live_file import LiveFile
+
             self._writer = start_recording(self._engine, self._files, LiveFile())
         return self._writer.file
 
@@ -207,6 +213,8 @@ def rename_existing(path: Record) -> Path | None:
 
     Returns its new name; None when there was none.
     """
+    from dart_hal.recording.run_file import RunFile
+
     if isinstance(path, RunFile):
         return None
     path = Path(path)
@@ -223,6 +231,10 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
 
     From now on ``engine`` writes into it.
     """
+    # Imported here: a program that imports ``Car`` and records nothing starts sooner.
+    from dart_hal.recording.run import RunWriter
+    from dart_hal.recording.run_file import RunFile
+
     backend = engine.backend
     # The files by which the car drives: of the backend, else of the folder.
     texts = dict(backend.measured)

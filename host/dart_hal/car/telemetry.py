@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import inf, nan, tan
+from typing import TYPE_CHECKING
 
 from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.config import CarFiles, Quantity
@@ -15,7 +16,6 @@ from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.imu_clock import PERIOD, ImuClock, gyro_read_delay
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.phase import RingPhase
-from dart_hal.estimation.room import ExternalPoseEstimator
 from dart_hal.estimation.single_samples import (
     MIN_ACCELERATION_JUMP,
     MIN_RATE_JUMP,
@@ -26,6 +26,9 @@ from dart_hal.estimation.speed import WheelSpeed
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import WireFrame
 from dart_hal.wire.messages import STATE, STATE_FLAGS
+
+if TYPE_CHECKING:
+    from dart_hal.estimation.room import ExternalPoseEstimator
 
 # 8N1: start, eight data bits, stop.
 BITS_PER_BYTE = 10

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import DartHalError, PluginFailed, UsageError
-from dart_hal.core.process.extras import missing_module_error
 
 if TYPE_CHECKING:  # takes a tenth of the import of a car
     from importlib.metadata import EntryPoint
@@ -46,6 +45,8 @@ def load_entry(entry: EntryPoint) -> Any:
         with attribute_errors(entry):
             return entry.load()
     except ImportError as why:
+        from dart_hal.core.process.extras import missing_module_error
+
         package = (why.name or entry.name).partition(".")[0]
         raise missing_module_error(package, entry.name) from why
 

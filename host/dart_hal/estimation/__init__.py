@@ -21,31 +21,7 @@ Times are arguments, nothing reads a port or a clock. ``localisation`` alone rea
 compiles C, and has a thread (``localisation.source``).
 """
 
-from dart_hal.core.clock_fit import ClockFit
-from dart_hal.estimation.frames import FrameReader, Mounting, Sample, flag_names
-from dart_hal.estimation.gyro import GyroBias
-from dart_hal.estimation.odometry import MotionStep, Odometry, OdometryNoise
-from dart_hal.estimation.pose_filter import FilterEstimate, PoseFilter, PoseVerdict
-from dart_hal.estimation.ring import LearntRing, Ring, RingLearner
-from dart_hal.estimation.room import ExternalPoseEstimator
-from dart_hal.estimation.speed import WheelSpeed
+from dart_hal.core.lazy import read_public_names
 
-__all__ = [
-           "ClockFit",
-           "ExternalPoseEstimator",
-           "FilterEstimate",
-           "FrameReader",
-           "GyroBias",
-           "LearntRing",
-           "MotionStep",
-           "Mounting",
-           "Odometry",
-           "OdometryNoise",
-           "PoseFilter",
-           "PoseVerdict",
-           "Ring",
-           "RingLearner",
-           "Sample",
-           "WheelSpeed",
-           "flag_names",
-]
+# The names are in __init__.pyi: a car without external poses needs no filter of them.
+__getattr__, __dir__, __all__ = read_public_names(__name__, __file__)

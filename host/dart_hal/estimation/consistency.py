@@ -18,10 +18,12 @@ ENCODER_LOW. The other doubts end by themselves.
 from __future__ import annotations
 
 from math import copysign, hypot, inf
+from typing import TYPE_CHECKING
 
 from dart_hal.core.types import Doubt
-from dart_hal.estimation.bounds import SpeedBounds
-from dart_hal.vehicle.parameters import Vehicle
+
+if TYPE_CHECKING:
+    from dart_hal.vehicle.parameters import Vehicle
 
 # s: time constant of the slow reference, which detects edges that are missing from the start.
 SLOW_LEAK = 1.0
@@ -122,6 +124,9 @@ class EncoderCheck:
     """
 
     def __init__(self, vehicle: Vehicle, identified: bool, metres: float, x_imu: float) -> None:
+        # Imported here, as all of the vehicle model: a program that imports ``Car`` starts sooner.
+        from dart_hal.estimation.bounds import SpeedBounds
+
         self.bounds = SpeedBounds(vehicle, identified)
         self._min_travel = MIN_EDGES * metres
         self._x = x_imu

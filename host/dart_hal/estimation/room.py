@@ -29,6 +29,8 @@ from dart_hal.estimation.spin import SPIN_SPEED_STD, SpinDetector
 # network; the fit of its clock already removes the smallest one.
 UNKNOWN_MARKER = MarkerModel(
     latency=0.01, std=(MAX_MARKER_OFFSET, MAX_MARKER_OFFSET, MAX_MARKER_YAW, 0.02))
+# Marker of poses by the car's own lidar: at the rear axle, on the car's own clock.
+AXLE = MarkerModel(std=(0.001, 0.001, 0.002, 0.002))
 # rad per m/s2, slip gain of the rear tyres: between 0.011 and 0.034 of the two published sets
 # (``odometry.py``). At constant speed v it cannot be separated from lx: 0.01 are 1 cm at 1 m/s.
 SLIP_GAIN = 0.0225

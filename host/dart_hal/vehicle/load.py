@@ -6,10 +6,13 @@ The sets and effects are imported at the first use: a program that imports ``Car
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dart_hal.core.config import ModelFile, load_model
 from dart_hal.core.errors import ConfigError, UsageError
-from dart_hal.vehicle.parameters import Vehicle
+
+if TYPE_CHECKING:
+    from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle_of(model: ModelFile | None) -> Vehicle:

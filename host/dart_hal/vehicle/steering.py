@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import NotMonotone
 from dart_hal.vehicle.namespace import Value, adapt
-from dart_hal.vehicle.parameters import Steering
+
+if TYPE_CHECKING:
+    from dart_hal.vehicle.parameters import Steering
 
 # Steepness of the transition between the left and the right curve; it is 2 / 30 = 0.07 wide in s.
 BLEND = 30.0

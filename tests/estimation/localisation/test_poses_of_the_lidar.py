@@ -15,6 +15,7 @@ from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
 from dart_hal.devices.links.base import open_backend
+from dart_hal.estimation import room
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.health import PROBATION_SCANS, Agreement, Status, TrackJudge
 from dart_hal.estimation.localisation.localiser import Localiser
@@ -75,11 +76,11 @@ def test_poses_made_on_board_need_no_marker(monkeypatch):
             pass
 
     made = []
-    monkeypatch.setattr(poses, "ExternalPoseEstimator",
+    monkeypatch.setattr(room, "ExternalPoseEstimator",
                         lambda _, *marker, **how: made.append(marker))
     for Source.on_board in (False, True):
         poses.room_of(load_car("dart-01", ["cars"]), Odometry(), Source())
-    assert made == [(), (poses.AXLE,)]
+    assert made == [(), (room.AXLE,)]
 
 
 @pytest.mark.parametrize("text", ["lidar:", "lidar:map.yaml?begin=1", "lidar:m.yaml?start=1,2",

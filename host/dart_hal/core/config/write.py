@@ -8,7 +8,6 @@ previous version is copied to ``history/NAME-0001.toml``, ``-0002`` and so on.
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from errno import ENOTDIR
@@ -101,11 +100,13 @@ def check_writable(folder: Path) -> None:
 
 def archive_version(path: Path) -> Path:
     """Copy a file to the next free number in history/ of its folder; return the copy."""
+    from shutil import copy2
+
     folder = path.parent / "history"
     folder.mkdir(exist_ok=True)
     versions = folder.glob(f"{path.stem}-*{path.suffix}")
     free = 1 + max(map(version_number, versions), default=0)
-    return Path(shutil.copy2(path, folder / f"{path.stem}-{free:04d}{path.suffix}"))
+    return Path(copy2(path, folder / f"{path.stem}-{free:04d}{path.suffix}"))
 
 
 def replace(path: Path, text: str) -> None:
