@@ -110,7 +110,7 @@ browser:
 # The bridge to ROS 1 is tested by a real master and rospy, which Debian and Ubuntu have.
 .PHONY: ros
 ros:
-	@command -v rosmaster >/dev/null && [ -d /usr/lib/python3/dist-packages/rospy ] || sh firmware/toolchain.sh --apt python3-rosmaster python3-rospy python3-nav-msgs python3-tf2-msgs || echo "-- no rospy: no tests by ROS 1"
+	@command -v rosmaster >/dev/null && [ -d /usr/lib/python3/dist-packages/sensor_msgs ] || sh firmware/toolchain.sh --apt python3-rosmaster python3-rospy python3-nav-msgs python3-sensor-msgs python3-tf2-ros || echo "-- no rospy: no tests by ROS 1"
 
 setup: $(VENV)/.dev toolchain ## install everything without running anything
 

@@ -133,6 +133,12 @@ def test_nothing_that_came_back_is_infinite_and_a_lost_beam_is_nan(run):
     assert message.ranges[3] == 2.0
 
 
+def test_out_of_range_is_infinite_with_the_sign_of_the_side():
+    scan = scan_of([0.0, np.pi / 2, np.pi, 3 * np.pi / 2], [0.05, 0.13, 11.9, 12.1])
+    assert standard.laser_readings(scan, 4).ranges.tolist() == [
+        -np.inf, np.float32(0.13), np.float32(11.9), np.inf]
+
+
 @pytest.mark.parametrize(("lengths", "readings"), [
     ([], 0), ([0], 0), ([620, 625, 630], 620), ([625, 12, 622, 300, 624], 622)])
 def test_number_of_readings_is_that_of_the_shortest_whole_turn(lengths, readings):

@@ -22,7 +22,8 @@ def classes_of(store_name):
         def make(**fields):
             if kind == "std_msgs/Header" and store_name.startswith("ROS1"):
                 fields["seq"] = 0
-            arrays = {"data": np.float32, "covariance": np.float64}
+            arrays = {"data": np.int8 if kind == "nav_msgs/OccupancyGrid" else np.float32,
+                      "covariance": np.float64, "ranges": np.float32, "intensities": np.float32}
             return made(**{k: np.array(v, arrays[k]) if isinstance(v, list) and k in arrays else v
                            for k, v in fields.items()})
         return make

@@ -19,14 +19,14 @@ HERE = Path(__file__).parent
 PAUSES_S = (0.0, 1.0, 4.0, 16.0, 30.0)  # before each attempt to drive
 DEBIAN = "/usr/lib/python3/dist-packages"
 MISSING = ("no ROS here: sh firmware/toolchain.sh --apt python3-rosmaster python3-rospy "
-           "python3-nav-msgs python3-tf2-msgs")
+           "python3-nav-msgs python3-sensor-msgs python3-tf2-ros")
 
 
 def is_installed():
     """Whether Debian has ROS for the Python that runs this."""
     return shutil.which("rosmaster") is not None and all(
         (Path(DEBIAN) / name).is_dir() or importlib.util.find_spec(name)
-        for name in ("rospy", "nav_msgs", "tf2_msgs"))
+        for name in ("rospy", "nav_msgs", "sensor_msgs", "tf2_msgs"))
 
 
 def upstream_nodes():

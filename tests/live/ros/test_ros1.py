@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+import time
+from functools import partial
+from math import cos, hypot, sin
 from pathlib import Path
 
 import pytest
-from ros_world import MISSING, RosWorld, is_installed, upstream_nodes
+from ros_world import (
+    DEBIAN,
+    MISSING,
+    PAUSES_S,
+    RosWorld,
+    is_installed,
+    one_ended,
+    until,
+    upstream_nodes,
+)
+
+from dart_lab.sim.lidar.maps import room_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -63,6 +78,43 @@ def test_upstreams_own_nodes_drive_unchanged(world):
     for name in ("v_tracking_controller.py", "steering_angle_2_command.py"):
         world.start(folder / name)
     check(*world.drive("upstream"))
+
+
+def test_tf2_has_the_lidar_in_the_map_at_the_stamp_of_each_scan(world, tmp_path):
+    """A node that subscribes later gets map and mounting too. The car is at rest."""
+    if not (Path(DEBIAN) / "tf2_ros").is_dir():
+        pytest.skip("no tf2_ros: make ros")
+    verb = [Path(sys.executable).parent / "dart-hal", "bridge", "ros1", "--url",
+            "sim://?nano=mock&seed=4&lidar=1&map=room", "--poses", "lidar", "--waive",
+            "CALIBRATION_MISSING", "--duration", "40"]
+    for pause in PAUSES_S:  # as RosWorld.drive
+        time.sleep(pause)
+        with (tmp_path / "bridge.log").open("wb") as log:
+            bridge = subprocess.Popen(verb, env=world.env, stdout=log, stderr=log)
+            try:
+                node = world.start(Path(__file__).parent / "slam_node.py", tmp_path / "seen.json")
+                until(partial(one_ended, bridge, node), 90.0)
+            finally:
+                bridge.terminate()
+                bridge.wait(20)
+        output = (tmp_path / "bridge.log").read_text() + (tmp_path / "slam_node.py.log").read_text()
+        if "LINK_" not in output:
+            break
+        node.terminate()
+    assert node.returncode == 0, output
+    result = json.loads((tmp_path / "seen.json").read_text())
+    rows = result["rows"]
+    x, y, yaw = room_of("room", 4).start
+    print(result)
+    assert len(rows) == 10, output
+    assert result["latched"] == ["laser_1"]
+    assert min(result["map"]) > 150, "cells of a room of 6 x 5 m"
+    assert {row[2] for row in rows} == {result["first"]}
+    for at_x, at_y, _, age in rows:
+        reach = hypot(at_x - x, at_y - y)
+        assert reach == pytest.approx(0.13, abs=0.04), "the lidar is before the rear axle"
+        assert (at_x - x) * cos(yaw) + (at_y - y) * sin(yaw) > 0.9 * reach
+        assert 0.0 < age < 0.5
 
 
 def test_the_verb_without_and_with_a_master(world):

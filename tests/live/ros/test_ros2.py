@@ -31,7 +31,7 @@ class ToyNode:
     def create_publisher(self, kind, topic, depth):
         def publish(message):
             self.sent[topic] = bytes(self.store.serialize_cdr(message, message.__msgtype__))
-        return SimpleNamespace(publish=publish, kind=kind)
+        return SimpleNamespace(publish=publish, kind=kind, depth=depth)
 
 
 @pytest.fixture
@@ -51,11 +51,15 @@ def rclpy(monkeypatch):
     rclpy.spin = lambda node: None
     rclpy.create_node = lambda name: ToyNode(name, store)
     rclpy.try_shutdown = lambda: setattr(state, "up", False)
+    qos = ModuleType("rclpy.qos")
+    qos.DurabilityPolicy = SimpleNamespace(TRANSIENT_LOCAL="transient local")
+    qos.QoSProfile = SimpleNamespace
     rclpy.state = state
     rclpy.store = store
-    for name, module in (("rclpy", rclpy), ("rclpy.signals", signals)):
+    for name, module in (("rclpy", rclpy), ("rclpy.signals", signals), ("rclpy.qos", qos)):
         monkeypatch.setitem(sys.modules, name, module)
-    for package in ("std_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "builtin_interfaces"):
+    for package in ("std_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "sensor_msgs",
+                    "builtin_interfaces"):
         messages = ModuleType(f"{package}.msg")
         messages.__getattr__ = lambda name, package=package: class_of(f"{package}/{name}")
         monkeypatch.setitem(sys.modules, package, ModuleType(package))
@@ -69,12 +73,21 @@ def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
     pose = ExternalPose(5.0, 2.0, 1.0, -0.5, 0.3, frame="room")
     for topic, message in (("vx_1", number(0.25)), ("arduino_data_1", numbers((1.0, 2.0))),
                            ("vicon/jetracer1", external_pose(pose, pose.stamp))):
-        node.advertise(topic, message.kind)
+        node.advertise(topic, message.kind, False)
         node.publish(topic, message)
     assert sent["vx_1"] == bytes.fromhex("00010000" "0000803e")
     assert sent["arduino_data_1"] == bytes.fromhex(
         "00010000" "00000000" "00000000" "02000000" "0000803f" "00000040")
     assert sent["vicon/jetracer1"] == cdr.encode_external_pose(pose), "to the byte the recorder's"
+
+
+def test_a_latched_topic_is_kept_for_later_subscribers(rclpy):
+    node = Ros2("dart_hal_1")
+    for topic, latched in (("/map", True), ("/tf", False)):
+        node.advertise(topic, "std_msgs/Float32", latched)
+    quality = node._publishers["/map"].depth
+    assert (quality.depth, quality.durability) == (1, "transient local")
+    assert node._publishers["/tf"].depth == 10
 
 
 def test_what_is_received_is_the_number_and_the_end_is_detected(rclpy):

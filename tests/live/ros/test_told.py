@@ -37,7 +37,7 @@ def test_the_topics_are_those_of_upstream(driven):
     assert driven.ros.heard.keys() == {"safety_value", "throttle_3", "steering_3"}
     assert driven.ros.advertised.keys() == {
         "sensors_and_input_3", "arduino_data_3", "odom_3", "/tf", "vicon/jetracer3", "vx_3",
-        "vy_3", "omega_3", "commands_timestamped_car_3"}
+        "vy_3", "omega_3", "commands_timestamped_car_3", "/clock"}
 
 
 def test_a_real_car_leaves_the_motion_capture_to_others(driven):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dart_hal.car import Car
+from dart_hal.cli.common.session import load_map
 from dart_hal.devices.links.base import open_backend
+from dart_hal.estimation.localisation.source import open_source
 from dart_lab.live.ros.bridge import Bridge
 from dart_lab.sim.truth import world_of
 from tests.common import NEUTRAL_TOLERANCE_US
@@ -15,14 +17,16 @@ class ToyRos:
     def __init__(self):
         self.heard = {}
         self.advertised = {}
+        self.latched = set()
         self.published = []
         self.is_closed = False
 
     def subscribe(self, topic, heard):
         self.heard[topic] = heard
 
-    def advertise(self, topic, kind):
+    def advertise(self, topic, kind, latched):
         self.advertised[topic] = kind
+        self.latched |= {topic} if latched else set()
 
     def publish(self, topic, message):
         assert self.advertised[topic] == message.kind
@@ -41,12 +45,14 @@ class ToyRos:
 class BridgedCar:
     """``run(seconds, each)``: arms, then drives, with ``each(t)`` at every State, t s behind."""
 
-    def __init__(self, url="sim://?nano=mock&seed=1", number=1):
+    def __init__(self, url="sim://?nano=mock&seed=1", number=1, localised=False):
         backend = open_backend(url)
+        self.backend = backend
+        poses = open_source("lidar", load_map(backend)) if localised else None
         self.pulses, self.warnings, self.ros, self.armed_at = [], [], ToyRos(), None
         world_of(backend).watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
-        self.car = Car.over(backend)
+        self.car = Car.over(backend, poses=poses)
         self.bridge = Bridge(self.car, number, self.ros, self.warnings.append, lambda: self.car.now)
 
     def run(self, seconds, each, while_arming=lambda: None):

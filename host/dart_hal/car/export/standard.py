@@ -124,13 +124,30 @@ def count_readings(lengths: Sequence[int]) -> int:
     return min((n for n in lengths if n >= MIN_WHOLE_SHARE * median), default=0)
 
 
-def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
-    """Build a sensor_msgs/LaserScan in the frame ``laser``, as REP 117 defines it.
+class LaserReadings(NamedTuple):
+    """Contents of a sensor_msgs/LaserScan.
+
+    start [s]: time of the first reading, on the clock of the scan; angles [rad] of the first and
+    the last; the steps of angle [rad] and time [s]; scan_time [s]: of a turn; ranges (n,) [m].
+    """
+
+    start: float
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    time_increment: float
+    scan_time: float
+    ranges: NDArray[np.float32]
+
+
+def laser_readings(scan: Scan, readings: int) -> LaserReadings:
+    """Sort the beams of a scan into readings in the frame ``laser``, as REP 117 defines them.
 
     The angles ascend in ``readings`` equal steps of one turn. Each beam goes to the nearest step,
-    of several the nearest point. Infinity: nothing came back. NaN: no beam (lost packets).
+    of several the nearest point. Infinity: nothing came back, or from beyond ``MAX_RANGE``; minus
+    infinity: nearer than ``MIN_RANGE``; NaN: no beam (lost packets).
 
-    The stamp is that of the first reading. The time increment of a unit that turns clockwise is
+    The start is that of the first reading. The time increment of a unit that turns clockwise is
     negative, since its last beam has the smallest angle.
     https://www.ros.org/reps/rep-0117.html
     """
@@ -142,21 +159,27 @@ def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
     if n and len(scan):
         # Steps from the unit's zero, in its own sense of rotation.
         place = np.rint(scan.angle / step).astype(int) % n
-        distance = np.where(np.isnan(scan.range), inf, scan.range).astype(np.float32)
-        np.fmin.at(ranges, place, distance)
+        distance = np.where(scan.range <= MAX_RANGE, scan.range, inf)
+        distance[distance < MIN_RANGE] = -inf
+        np.fmin.at(ranges, place, distance.astype(np.float32))
     if clockwise:
         ranges = ranges[::-1].copy()
     first = step if clockwise else 0.0
     start = scan.start + (period * (n - 1) / n if clockwise and n else 0.0)
-    seconds, rest = divmod(zero_ns + round(1e9 * start), 10**9)
     increment = period / n if n else 0.0
+    return LaserReadings(start, first, first + step * max(n - 1, 0), step,
+                         -increment if clockwise else increment, period, ranges)
+
+
+def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
+    """Build a sensor_msgs/LaserScan of ``laser_readings``, with its time on the clock of ROS."""
+    found = laser_readings(scan, readings)
+    seconds, rest = divmod(zero_ns + round(1e9 * found.start), 10**9)
     kinds = store.types
     return kinds[LASER_SCAN_TYPE](
         header=_header(kinds, kinds["builtin_interfaces/msg/Time"](seconds, rest), "laser"),
-        angle_min=first, angle_max=first + step * max(n - 1, 0), angle_increment=step,
-        time_increment=-increment if clockwise else increment, scan_time=period,
-        range_min=MIN_RANGE, range_max=MAX_RANGE, ranges=ranges,
-        intensities=np.zeros(0, np.float32))
+        range_min=MIN_RANGE, range_max=MAX_RANGE, intensities=np.zeros(0, np.float32),
+        **{name: value for name, value in found._asdict().items() if name != "start"})
 
 
 class _Marker(NamedTuple):

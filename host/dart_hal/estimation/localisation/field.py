@@ -7,7 +7,7 @@ cell of it, where the fold of the distance is flattened.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class Map:
     origin (2,) [m] of node 0, 0; distance (rows, columns) [m], at most ``MAX_FIELD_DISTANCE``, its
     value along the border; patch (rows * columns, 4): bilinear form of the cell above and right of
     a node, the distance there and its change by x, y and x y; line_index, wall_index: lines and
-    walls for many rays.
+    walls for many rays; grid: that of its file, None for a map of exact lines.
     """
 
     lines: FloatArray
@@ -44,6 +44,7 @@ class Map:
     patch: FloatArray
     line_index: LineIndex
     wall_index: LineIndex
+    grid: Grid | None = None
 
     def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance (n,) [m] at places (n,) [m] and its derivatives by x and y; constant far
@@ -116,7 +117,16 @@ def _make_raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray
 
 def map_of_grid(grid: Grid) -> Map:
     """Return the map of the occupied cells of a ROS grid: their outlines."""
-    return map_of_lines(lines_of_grid(grid), min(NODE_SPACING, grid.cell))
+    return replace(map_of_lines(lines_of_grid(grid), min(NODE_SPACING, grid.cell)), grid=grid)
+
+
+def draw_grid(chart: Map) -> Grid:
+    """Return the grid of a map: that of its file, else its lines with free cells around them."""
+    if chart.grid is not None:
+        return chart.grid
+    # A line passes within half a diagonal of the middle of a cell that it crosses.
+    occupied = chart.distance <= np.sqrt(0.5) * chart.cell
+    return Grid(occupied, ~occupied, chart.cell, chart.origin - 0.5 * chart.cell)
 
 
 def _lower_distance(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:

@@ -7,11 +7,17 @@ from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from dart_hal.car import Car
+from dart_hal.car.lidar import mount_of
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import State
 from dart_lab.live.ros.commands import Commands
 from dart_lab.live.ros.messages import RosMessage
-from dart_lab.live.ros.told import TopicWriter, list_input_topics, list_output_topics
+from dart_lab.live.ros.told import (
+    LATCHED_TOPICS,
+    TopicWriter,
+    list_input_topics,
+    list_output_topics,
+)
 
 ROS_COMMAND_SOURCE = "ros"
 # Validity of a command to the car: 15 States. If this program hangs just before it detects a
@@ -30,8 +36,9 @@ class Middleware(Protocol):
     def subscribe(self, topic: str, heard: Callable[[float], None]) -> None:
         """Call ``heard(value)`` for each std_msgs/Float32; only for the newest of several."""
 
-    def advertise(self, topic: str, kind: str) -> None:
-        """Offer a topic; kind: its type, such as "std_msgs/Float32"."""
+    def advertise(self, topic: str, kind: str, latched: bool) -> None:
+        """Offer a topic; kind: its type, such as "std_msgs/Float32"; latched: a later subscriber
+        gets its last message."""
 
     def publish(self, topic: str, message: RosMessage) -> None:
         """Publish a message of an advertised topic, without waiting for subscribers."""
@@ -53,9 +60,16 @@ class Bridge:
         self._middleware = middleware
         self._show_notice = show_notice
         self._clock = clock
-        self._writer = TopicWriter(number, car.files.config.geometry.l_r, car.simulated)
-        for topic, kind in list_output_topics(number, car.simulated).items():
-            middleware.advertise(topic, kind)
+        # Zero of the car's clock [s since 1970], None until the first State.
+        self._epoch: float | None = None
+        mount = mount_of(car.files) if car.has_lidar else None
+        source = car.lidar.localiser if car.has_lidar else None
+        chart = source.chart if source else None
+        self._writer = TopicWriter(number, car.files.config.geometry.l_r, car.simulated, mount,
+                                   chart)
+        topics = list_output_topics(number, car.simulated, mount is not None, chart is not None)
+        for topic, kind in topics.items():
+            middleware.advertise(topic, kind, topic in LATCHED_TOPICS)
         for topic, method in list_input_topics(number).items():
             middleware.subscribe(topic, self._stamp(getattr(self.commands, method)))
 
@@ -82,8 +96,11 @@ class Bridge:
 
     def _publish(self, state: State) -> None:
         logged = self.commands.upstream_inputs(self._clock())
-        epoch = time.time() - self._car.now
-        for topic, message in self._writer.messages(state, logged, epoch):
+        # The time of a simulated car is sent on /clock and must not jump: its zero is constant.
+        # That of a real car follows the clock of the computer, which other nodes use.
+        if self._epoch is None or not self._car.simulated:
+            self._epoch = time.time() - self._car.now
+        for topic, message in self._writer.messages(state, logged, self._epoch):
             self._middleware.publish(topic, message)
         for sentence in self.commands.take_reports():
             self._show_notice(sentence)

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from math import cos, sin
 from typing import Any
 
-from dart_hal.core.types import ExternalPose, Pose, State, nanoseconds
+import numpy as np
+
+from dart_hal.car.export.standard import MAX_RANGE, MIN_RANGE, Planar, laser_readings
+from dart_hal.core.types import ExternalPose, Pose, Scan, State, nanoseconds
+from dart_hal.estimation.localisation.grid import Grid
 from dart_hal.recording.cdr import planar_covariance, twist_covariance
 
 # Name in ROS 2. ROS 1 has another type with the same two numbers.
@@ -55,13 +59,41 @@ def odometry(state: State, stamp: float, frame: str, child: str) -> RosMessage:
             "covariance": twist_covariance(state)})})
 
 
-def transform(pose: Pose, stamp: float, frame: str, child: str) -> RosMessage:
-    """Return the tf message with the pose of ``child`` in ``frame``."""
-    motion = RosMessage("geometry_msgs/Transform", {"translation": _vector(pose.x, pose.y),
-                                                   "rotation": _quaternion(pose.yaw)})
-    one = RosMessage("geometry_msgs/TransformStamped", {
-        "header": _header(stamp, frame), "child_frame_id": child, "transform": motion})
-    return RosMessage("tf2_msgs/TFMessage", {"transforms": [one]})
+def transforms(links: Sequence[tuple[str, str, Planar]], stamp: float) -> RosMessage:
+    """Return the tf message of (frame, child, pose of the child in the frame); stamp [s]."""
+    return RosMessage("tf2_msgs/TFMessage", {"transforms": [
+        RosMessage("geometry_msgs/TransformStamped", {
+            "header": _header(stamp, frame), "child_frame_id": child,
+            "transform": RosMessage("geometry_msgs/Transform", {
+                "translation": _vector(pose.x, pose.y), "rotation": _quaternion(pose.yaw)})})
+        for frame, child, pose in links]})
+
+
+def laser_scan(scan: Scan, readings: int, epoch: float, frame: str) -> RosMessage:
+    """Return the LaserScan of ``laser_readings``; epoch [s]: zero of the scan's clock."""
+    found = laser_readings(scan, readings)
+    values = {name: value for name, value in found._asdict().items() if name != "start"}
+    return RosMessage("sensor_msgs/LaserScan", {
+        "header": _header(epoch + found.start, frame), **values, "range_min": MIN_RANGE,
+        "range_max": MAX_RANGE, "ranges": found.ranges.tolist(), "intensities": []})
+
+
+def occupancy_grid(grid: Grid, stamp: float, frame: str) -> RosMessage:
+    """Return the map of a grid: 100 occupied, 0 free, -1 unknown."""
+    rows, columns = grid.occupied.shape
+    cells = np.where(grid.occupied, 100, np.where(grid.free, 0, -1))
+    header = _header(stamp, frame)
+    x, y = grid.origin.tolist()
+    return RosMessage("nav_msgs/OccupancyGrid", {
+        "header": header, "data": cells.ravel().tolist(),
+        "info": RosMessage("nav_msgs/MapMetaData", {
+            "map_load_time": header.fields["stamp"], "resolution": grid.cell, "width": columns,
+            "height": rows, "origin": _plain_pose(x, y, 0.0)})})
+
+
+def clock(stamp: float) -> RosMessage:
+    """Return the time for nodes with ``use_sim_time``; stamp [s]."""
+    return RosMessage("rosgraph_msgs/Clock", {"clock": _time(stamp)})
 
 
 def external_pose(pose: ExternalPose, stamp: float) -> RosMessage:
@@ -72,17 +104,22 @@ def external_pose(pose: ExternalPose, stamp: float) -> RosMessage:
 
 
 def _header(stamp: float, frame: str) -> RosMessage:
+    return RosMessage("std_msgs/Header", {"stamp": _time(stamp), "frame_id": frame})
+
+
+def _time(stamp: float) -> RosMessage:
     seconds, rest = divmod(nanoseconds(stamp), 10**9)
-    return RosMessage("std_msgs/Header", {
-        "stamp": RosMessage(TIME_KIND, {"sec": seconds, "nanosec": rest}), "frame_id": frame})
+    return RosMessage(TIME_KIND, {"sec": seconds, "nanosec": rest})
 
 
 def _pose(pose: Pose) -> RosMessage:
-    place = RosMessage("geometry_msgs/Point", {"x": pose.x, "y": pose.y, "z": 0.0})
     return RosMessage("geometry_msgs/PoseWithCovariance", {
-        "pose": RosMessage("geometry_msgs/Pose", {"position": place,
-                                                  "orientation": _quaternion(pose.yaw)}),
-        "covariance": planar_covariance(pose.cov)})
+        "pose": _plain_pose(pose.x, pose.y, pose.yaw), "covariance": planar_covariance(pose.cov)})
+
+
+def _plain_pose(x: float, y: float, yaw: float) -> RosMessage:
+    place = RosMessage("geometry_msgs/Point", {"x": x, "y": y, "z": 0.0})
+    return RosMessage("geometry_msgs/Pose", {"position": place, "orientation": _quaternion(yaw)})
 
 
 def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> RosMessage:

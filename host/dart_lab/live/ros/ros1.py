@@ -20,14 +20,16 @@ class Ros1:
         try:
             import nav_msgs.msg  # noqa: F401
             import rosgraph
+            import rosgraph_msgs.msg  # noqa: F401 - missing ones are reported before the car moves
             import rospy
-            import tf2_msgs.msg  # noqa: F401 - a missing package is reported before the car moves
+            import sensor_msgs.msg  # noqa: F401
+            import tf2_msgs.msg  # noqa: F401
         except ImportError as why:
             raise UsageError(
                 "the bridge needs ROS 1", found=f"no Python package {why.name}",
-                expected="rospy, nav_msgs and tf2_msgs where this Python finds them",
-                remedy="sudo apt install python3-rospy python3-nav-msgs python3-tf2-msgs ; then "
-                       "docs/how_to/ros.md"
+                expected="rospy, nav_msgs, sensor_msgs and tf2_msgs where this Python finds them",
+                remedy="sudo apt install python3-rospy python3-nav-msgs python3-sensor-msgs "
+                       "python3-tf2-msgs ; then docs/how_to/ros.md"
             ) from why
         if not rosgraph.is_master_online():
             raise UsageError("no ROS master answers", found=rosgraph.get_master_uri(),
@@ -46,8 +48,8 @@ class Ros1:
         self._rospy.Subscriber(topic, self._class_of("std_msgs/Float32"),
                                lambda message: heard(message.data), queue_size=1)
 
-    def advertise(self, topic: str, kind: str) -> None:
-        self._publishers[topic] = self._rospy.Publisher(topic, self._class_of(kind),
+    def advertise(self, topic: str, kind: str, latched: bool) -> None:
+        self._publishers[topic] = self._rospy.Publisher(topic, self._class_of(kind), latch=latched,
                                                         queue_size=MAX_QUEUED_MESSAGES)
 
     def publish(self, topic: str, message: RosMessage) -> None:

@@ -17,16 +17,20 @@ class Ros2:
     def __init__(self, name: str) -> None:
         try:
             import rclpy
-            import tf2_msgs.msg  # noqa: F401 - a missing package is reported before the car moves
+            import sensor_msgs.msg  # noqa: F401 - missing ones are reported before the car moves
+            import tf2_msgs.msg  # noqa: F401
+            from rclpy.qos import DurabilityPolicy, QoSProfile
             from rclpy.signals import SignalHandlerOptions
         except ImportError as why:
             raise UsageError(
                 "the bridge needs ROS 2", found=f"no Python package {why.name}",
-                expected="rclpy and tf2_msgs where this Python finds them",
+                expected="rclpy, sensor_msgs and tf2_msgs where this Python finds them",
                 remedy="source /opt/ros/humble/setup.bash ; docs/how_to/ros.md") from why
         # Ctrl-C is handled by the car, which it stops.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._rclpy = rclpy
+        # Subscribers of /tf_static and /map use the same one.
+        self._latched_quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._node = rclpy.create_node(name)
         self._publishers: dict[str, Any] = {}
         threading.Thread(target=rclpy.spin, args=(self._node,), name="ros2", daemon=True).start()
@@ -39,9 +43,9 @@ class Ros2:
         self._node.create_subscription(class_of("std_msgs/Float32"), topic,
                                        lambda message: heard(message.data), 1)
 
-    def advertise(self, topic: str, kind: str) -> None:
-        self._publishers[topic] = self._node.create_publisher(class_of(kind), topic,
-                                                              MAX_QUEUED_MESSAGES)
+    def advertise(self, topic: str, kind: str, latched: bool) -> None:
+        quality = self._latched_quality if latched else MAX_QUEUED_MESSAGES
+        self._publishers[topic] = self._node.create_publisher(class_of(kind), topic, quality)
 
     def publish(self, topic: str, message: RosMessage) -> None:
         if not self.is_closed:
