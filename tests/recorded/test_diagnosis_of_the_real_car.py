@@ -79,7 +79,8 @@ def worse(answer):
     l_r = vehicle.body.l_r
     side = make_recording_set(make_evidence(answer.test, l_r)[0], answer.test, l_r, None)
     before = next(s for s in answer.diagnosis.stages if s.label == "refitted")
-    gains = rollout_gains(before.vehicle, answer.diagnosis.stages[-1].vehicle, side, side, 0)
+    last = answer.diagnosis.stages[-1]
+    gains = rollout_gains((before.vehicle,) * 2, (last.vehicle,) * 2, side, side, 0, "")
     return {c: gains[c] for c in JUDGED
             if gains[c].test < -(SIGNIFICANTLY_WORSE if gains[c].high < 0.0 else WORSE)}
 

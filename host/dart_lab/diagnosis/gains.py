@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.effect import Effect
@@ -178,8 +178,8 @@ def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: Reco
     # The channel is chosen by the training recordings, the reported reduction is that of the test
     # recordings: a choice by the test would make it too large.
     if changes_motion and train.prepared and test.prepared:
-        channels = _rollout_gains(reference.logged, changed.logged, train, test, seed,
-                                  changed.commands)
+        channels = rollout_gains(reference.logged, changed.logged, train, test, seed,
+                                 changed.commands)
         return max(channels.values(), key=lambda g: g.train)
     found = {}
     for name, column in _columns(effect, train.evidence).items():
@@ -187,22 +187,18 @@ def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: Reco
     return max(found.values(), key=lambda g: g.train if math.isfinite(g.train) else -math.inf)
 
 
-def rollout_gains(reference: Vehicle, changed: Vehicle, train: RecordingSet, test: RecordingSet,
-                  seed: int) -> dict[str, ErrorReduction]:
-    """Return the gain by channel at 1 s; empty without motion capture."""
-    return _rollout_gains((reference, reference), (changed, changed), train, test, seed,
-                          LOGGED_COMMANDS)
+def rollout_gains(reference: tuple[Vehicle, Vehicle], changed: tuple[Vehicle, Vehicle],
+                  train: RecordingSet, test: RecordingSet, seed: int, commands: str
+                  ) -> dict[str, ErrorReduction]:
+    """Return the gain by channel at 1 s; empty without motion capture.
 
-
-def _rollout_gains(reference: tuple[Vehicle, Vehicle], changed: tuple[Vehicle, Vehicle],
-                   train: RecordingSet, test: RecordingSet, seed: int, commands: str
-                   ) -> dict[str, ErrorReduction]:
-    """Return the gain with separate vehicles for train and test; commands: in words."""
+    reference, changed: vehicles for training and test recordings. commands: in words.
+    """
     if train.prepared is None or test.prepared is None:
         return {}
     pairs = [(part.errors(p), part.errors(q))
              for part, p, q in zip((train, test), reference, changed, strict=True)]
-    block = _blocks(test.prepared.cases)
+    block = label_blocks(test.prepared.cases)[0]
     out = {}
     for i, name in enumerate(CHANNELS):
         (a, b), (c, d) = ((x[HORIZON_INDEX, i], y[HORIZON_INDEX, i])  # type: ignore[index]
@@ -217,7 +213,7 @@ def measure_overall_gain(reference: Fitted, changed: Fitted, train: RecordingSet
                          test: RecordingSet, seed: int) -> dict[str, ErrorReduction]:
     """Measure the gain by channel 1 s ahead; without motion capture in encoder and gyro."""
     if train.prepared and test.prepared:
-        return _rollout_gains(reference.logged, changed.logged, train, test, seed, changed.commands)
+        return rollout_gains(reference.logged, changed.logged, train, test, seed, changed.commands)
     return {name: _residual_gain(name, column, reference, changed, train, test, seed)
             for name, column in test.evidence.columns_at(1.0).items()}
 
@@ -257,7 +253,3 @@ def _relative_reduction(reference: FloatArray, changed: FloatArray) -> float:
         return math.nan
     ratio = np.mean(np.square(changed)) / max(np.mean(np.square(reference)), 1e-300)
     return 1.0 - float(np.sqrt(ratio))
-
-
-def _blocks(cases: Sequence[Case]) -> IntArray:
-    return label_blocks(cases)[0]

@@ -10,7 +10,7 @@ that.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dart_hal.core.errors import UsageError
@@ -41,9 +41,6 @@ class BatteryParams:
     rest_current: float = 1.0
     motor_current: float = 15.0
     capacity: float = 4.0
-
-
-BATTERY_OPTIONS = tuple(f.name for f in fields(BatteryParams))
 
 
 def parse_battery(text: str) -> BatteryParams | None:

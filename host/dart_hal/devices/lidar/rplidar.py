@@ -62,8 +62,6 @@ SAMPLE_RATE_REQUEST = b"\xa5\x59"
 MOTOR_REQUEST = b"\xa5\xf0\x02\x94\x02\xc1"
 MOTOR_STOP_REQUEST = b"\xa5\xf0\x02\x00\x00\x57"
 
-INFO_TYPE = 0x04
-HEALTH_TYPE = 0x06
 SAMPLE_RATE_TYPE = 0x15
 SCAN_TYPE = 0x81
 # Descriptors of the requests above, with the bytes of content after each.
