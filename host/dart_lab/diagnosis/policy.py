@@ -190,7 +190,6 @@ class SuggestPolicy:
 
     separation: float = 4.0  # standard deviations: the wrong one then fits better once in 44
     onboard_separation: float = 6.0  # by on-board sensors, whose noise changes with the drive
-    min_right_share: float = 0.95  # of simulated repeats name the truth: noise has long tails
     min_explained_share: float = 0.25  # of what the cause explains; less is no confounder
     max_error_ratio: float = 0.5  # of a claimed quantity's standard error: justifies a drive
 

@@ -62,7 +62,7 @@ def _suggest_for_cause(q: ConfounderQuestion, cause: Cause, drives: Iterable[Reh
     """Suggest the drive for one cause.
 
     1. Simulate the drives, shortest first, with the fewest sensors first.
-    2. Stop at the first drive whose smallest separation and simulated share are sufficient.
+    2. Stop at the first drive whose smallest separation is sufficient.
     3. Otherwise take the drive that separates most pairs.
     """
     confounders = q.names[1:]
@@ -82,8 +82,7 @@ def _suggest_for_cause(q: ConfounderQuestion, cause: Cause, drives: Iterable[Reh
             # On-board sensors also give the initial state of a window: more separation is needed.
             required_separation = (policy.separation if setting is q.settings[-1]
                                    else policy.onboard_separation)
-            enough = (simulation.min_separation >= required_separation
-                      and simulation.min_correct_share() >= policy.min_right_share)
+            enough = simulation.min_separation >= required_separation
             if enough or best is None or (simulation.separated_pairs,
                                           simulation.min_separation) > (best.separated_pairs,
                                                                         best.min_separation):

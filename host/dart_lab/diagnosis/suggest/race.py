@@ -58,11 +58,6 @@ class DriveSimulation:
         """The confounder at its best size; None if the drive has no data."""
         return self._confounders[truth, confounder]
 
-    def min_correct_share(self) -> float:
-        """The smallest ``correct_share`` of any pair."""
-        return min((self.correct_share(a, b) for a, b in combinations(self.question.names, 2)),
-                   default=0.0)
-
     def correct_share(self, a: str, b: str) -> float:
         """Share of simulated repeats in which the truth fits better, in the worse direction."""
         if (a, b) not in self._correct_shares:
