@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,10 @@ from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.space import MessageTiming
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
-from .gains import Fitted, measure_overall_gain
+from .gains import Fitted, measure_gain, measure_overall_gain
 from .gates import WITHDRAWN
 from .grade.accept import Acceptance, AcceptedEffects, accept_effects, impossible_size
 from .grade.secants import secants
-from .judge import Predictor, compute_costs, compute_gains
 from .late_commands import find_late_commands
 from .mounted import MountingFit, describe_imu_mounting, fit_mounting
 from .noise_floor import estimate_noise_floor
@@ -62,6 +62,8 @@ from .unexplained.outliers import find_outliers
 from .unexplained.structure import find_structure
 from .unexplained.waits import remove_frame_wait
 
+# Returns the vehicles that predict from the logs of the training and of the test recordings.
+Predictor = Callable[[FittedModel], tuple[Vehicle, Vehicle]]
 # Errors that no accepted cause explains.
 Finding = Unexplained | Outliers | Excess | LateCommands
 FIT_ON_BOUND = 1e-6  # prior standard deviations; a parameter that is nearer to a bound is on it
@@ -99,7 +101,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     losses = RecordingLosses(q.test.evidence, found.point, policy)
     predictor = partial(vehicles_for_logs, q, (found.point.timing, losses.timing(found.point)))
     context = Acceptance(q.search, q.train.evidence, policy, q.settings.seed,
-                         impossible_size, partial(compute_costs, losses))
+                         impossible_size, losses.compute_costs)
     accepted = accept_effects(context, points, found.point, found.noise,
                               [n.effect for n in named])
     noise = select_noise(accepted.names, found.noise, found.base_noise)
@@ -121,8 +123,12 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         point, label_point_rows(q.train.evidence, point).unit))
     final = finals[-1]
     # 4.
-    gains = dict(zip(accepted.names, compute_gains(
-        q.train, q.test, q.settings, losses, predictor, accepted.names, finals), strict=True))
+    fits_by_effect = [_predict_with(q, losses, point, predictor(point))
+                      for point in finals[:len(accepted.names) + 1]]
+    gains = {name: measure_gain(catalogue()[name], reference, changed, q.train, q.test,
+                                q.settings.seed)
+             for name, (reference, changed) in zip(accepted.names, pairwise(fits_by_effect),
+                                                   strict=True)}
     stages = _stages(q, found.given, finals, named, predictor, losses)
     distinguished = _find_confounders(q, found, named)
     possible = _list_possible(found, accepted, q)
@@ -138,11 +144,9 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                    for one in distinguished)
     changes = _list_parameter_changes(q, final)
     claims = _find_claims(q, last, final, losses) if q.refit else ()
-    given, fitted = (
-        Fitted(vehicle, predicted, (point.timing, losses.timing(point)), q.refit)
-        for point, vehicle, predicted in (
-            (found.given, found.given.vehicle, given_vehicles_for_logs(q, found.given, predictor)),
-            (final, final.vehicle, predictor(final))))
+    given = _predict_with(q, losses, found.given,
+                          given_vehicles_for_logs(q, found.given, predictor))
+    fitted = _predict_with(q, losses, final, predictor(final))
     gain = measure_overall_gain(given, fitted, q.train, q.test, q.settings.seed)
     notes = (*list_cautions(last, (q.train, q.test), changes, gain, causes, policy),
              *describe_frame(final.vehicle, q.frame))
@@ -197,6 +201,12 @@ def given_vehicles_for_logs(q: DiagnosisSetup, given: Point, predictor: Predicto
     Before a refit that is the model exactly as in its file, for training and test recordings.
     """
     return (q.base, q.base) if q.refit else predictor(given)
+
+
+def _predict_with(q: DiagnosisSetup, losses: RecordingLosses, point: FittedModel,
+                  logged: tuple[Vehicle, Vehicle]) -> Fitted:
+    """Return a fit with the vehicles by which it predicts from the logs, and its timings."""
+    return Fitted(point.vehicle, logged, (point.timing, losses.timing(point)), q.refit)
 
 
 def _find_structure(q: DiagnosisSetup, mounting: MountingFit) -> tuple[Unexplained, ...]:

@@ -8,6 +8,7 @@ training recordings.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -23,7 +24,9 @@ from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import label_rows
 from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import Policy
+from ..result import Cost
 from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
+from .cost import loss_ratio
 
 # Time by which an age may leave its range here, where delays are fixed [s]. A fit divides a time
 # into delay and age with some error: two standard errors of 5 ms, as files state for a delay.
@@ -45,9 +48,15 @@ class RecordingLosses:
         r = self._evidence.residuals(point.vehicle, self.timing(point))
         return self._sum_by_stretch(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
-    def everything(self, point: Point, timing: MessageTiming) -> FloatArray:
+    def compute_costs(self, fit: Point, removed: Mapping[str, Point]) -> dict[str, Cost]:
+        """Compare the errors of fits without one effect each with those of the fit with all."""
+        with_all = self.everything(fit)
+        return {name: loss_ratio(with_all, self.everything(point))
+                for name, point in removed.items()}
+
+    def everything(self, point: Point) -> FloatArray:
         """Compute the losses (stretches,) of motion and sensors, weighted as in the fits."""
-        r = self._evidence.residuals(point.vehicle, timing)
+        r = self._evidence.residuals(point.vehicle, self.timing(point))
         residual, weight = self._noise.stack(r)
         return self._sum_by_stretch(r, weight * self._noise.loss(residual))
 
