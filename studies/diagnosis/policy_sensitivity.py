@@ -56,6 +56,8 @@ APART = ("suggest", "inputs")
 """Groups that decide nothing of a diagnosis: of the next drive, and of files that are refused."""
 CONCLUDING = ("grade", "two_cars", "claims", "unexplained", "conclusion")
 """Groups that act after the search, where recordings have motion capture."""
+NOT_FOLLOWED = ("false_alarm", "unexplained.accel", "unexplained.encoder")
+"""Thresholds that reach code or arrays in which nothing is noted."""
 RESULTS = HOME / "build" / "campaign" / "policy_sensitivity.jsonl"
 DATA = Path(os.environ.get("DART_DATA", HOME.parent / "shared" / "data"))
 CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
@@ -215,7 +217,8 @@ def concluded_again(noted: dict[str, set[int]], found: dict[str, Answer]) -> Ite
         usual_diagnosis = conclude(q, *rest)
         usual_diagnosis.to_json()
         for name in filter(is_concluding, list_thresholds()):
-            for factor in (FACTORS[i] for i in sorted(noted[name])):
+            indices = sorted(noted[name]) if is_followed(name) else range(len(FACTORS))
+            for factor in (FACTORS[i] for i in indices):
                 try:
                     answer = to_answer(conclude(with_change(q, name, factor), *rest))
                 except Exception as err:  # noqa: BLE001 - as in ``campaign.run``
@@ -296,9 +299,8 @@ def same_numbers(one: Answer, other: Answer) -> bool:
 
 
 def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
-    """A Markdown page: one row for each threshold."""
+    """Return a Markdown page: a table of each kind of thresholds, with a row for each."""
     lines = ["# What half and double of a threshold do", "",
-             "What half and double of each threshold of the diagnosis change. "
              f"Figures of {date.today():%B %Y}: {len(wanted)} cases of the "
              "[campaign](campaign.md), 60 s for training and 40 s for testing.", "",
              "```sh", "python -m studies.diagnosis.policy_sensitivity", "```", "",
@@ -309,11 +311,13 @@ def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
              "| numbers | those of them in which any number of the answer differs |",
              "| answer | those in which verdict, causes, parameters or structure differ |",
              "| right, wrong | change of the outcomes of those cases, at half and at double |", "",
-             summarise(wanted, known), "",
-             "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
-             "|---|---:|---:|---:|---:|---:|---:|---:|"]
-    for name in list_thresholds():
-        lines.append(make_row(name, wanted, known))
+             summarise(wanted, known)]
+    for title, after in (("In the search", False), ("After the search", True)):
+        lines += ["", f"## {title}",
+                  "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
+                  "|---|---:|---:|---:|---:|---:|---:|---:|",
+                  *(make_row(name, wanted, known) for name in list_thresholds()
+                    if is_concluding(name) == after)]
     return "\n".join(lines) + "\n"
 
 
@@ -361,8 +365,8 @@ def is_concluding(name: str) -> bool:
 
 
 def is_followed(name: str) -> bool:
-    """Whether a threshold notes where half and double matter: one of the policy."""
-    return name != "false_alarm"
+    """Whether a threshold notes where half and double matter."""
+    return name not in NOT_FOLLOWED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -247,9 +247,9 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_decide():
     steering, throttle, both = (frozenset(g) for g in (
         {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
     either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
-    assert _pair_groups(either, USUAL.claims.min_pair_probability) == [both]
+    assert _pair_groups(either) == [both]
     certain = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
-    assert _pair_groups(certain, USUAL.claims.min_pair_probability) == []
+    assert _pair_groups(certain) == []
     late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
     before, later = (list_quantities("command timing")["steering later than throttle"][1](p)
                      for p in (PAPER, late))

@@ -174,6 +174,8 @@ def test_what_acts_after_the_search_is_concluded_again_from_the_same_search(monk
                            SimpleNamespace())
     with sensitivity.concluded_again(noted, found):
         assert sensitivity.diagnosis_run.conclude(setup).to_json() == {"verdict": "True"}
+    unnoted = {f"unexplained.{n} x {f:g}": "True" for n in ("accel", "encoder")
+               for f in sensitivity.FACTORS}
     assert {change: line["verdict"] for change, line in found.items()} == {
-        "unexplained.min_share x 2": "False"}
+        "unexplained.min_share x 2": "False", **unnoted}
     assert sensitivity.diagnosis_run.conclude is conclude

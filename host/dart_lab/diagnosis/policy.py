@@ -154,7 +154,6 @@ class ClaimPolicy:
     # for a group that is not confident
     stretch_s: float = 15.0  # s of a test recording, for the interval of the change of its error
     max_stated_stds: float = 2.0  # standard errors of the file; within them nothing is wrong
-    min_pair_probability: float = 0.05  # of a pair, minus that of each part: one claim for both
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from .unseen import RecordingLosses
 
 # Added to the diagonal of correlations: a file states them with a few digits.
 CORRELATION_ERROR = 1e-3
+MIN_PAIR_DIFFERENCE = 0.05  # probability of a pair, minus that of each part: one finding for both
 MIN_CONFOUNDER_PROBABILITY = 0.1  # of another group without the one that is found
 PARAMETER_DRAWS = 200  # of the fitted parameters, for the standard error of a quantity
 
@@ -59,7 +60,7 @@ def find_claims(inputs: ClaimInputs) -> tuple[Claim, ...]:
     policy = groups.policy.claims
     confident = groups.policy.grade.confident_probability
     found = posterior(groups, inputs.seed)
-    pairs = _pair_groups(found, policy.min_pair_probability)
+    pairs = _pair_groups(found)
     paired = frozenset().union(*pairs)
     parts = {frozenset({g}): found.probability(g) for g in found.groups if g not in paired}
     parts |= {pair: found.probability(*pair) for pair in pairs}
@@ -86,10 +87,11 @@ def _raises_errors(cost: Cost, confident: bool, policy: ClaimPolicy) -> bool:
     return (ratio if by_ratio else low) > policy.min_error_ratio
 
 
-def _pair_groups(found: Posterior, difference: float) -> list[GroupSet]:
+def _pair_groups(found: Posterior) -> list[GroupSet]:
     """Return pairs of groups of which one was wrong, and the data do not determine which."""
     def is_confounded(pair: GroupSet) -> bool:
-        return max(found.probability(g) for g in pair) < found.probability(*pair) - difference
+        together = found.probability(*pair)
+        return max(map(found.probability, pair)) < together - MIN_PAIR_DIFFERENCE
 
     return [pair for pair in MERGED if pair <= set(found.groups) and is_confounded(pair)]
 
