@@ -15,6 +15,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart.mocap import wrap
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.prediction.actuators import actuator_outputs
@@ -108,13 +109,7 @@ def _drive_features(drive: RecordedDrive, p: Vehicle, first: FloatArray,
                                  + mean(g.omega * g.v_x)),
         "yaw_rate": yaw_rate, "time": sample_at(g.t, middle),
         "x": sample_at(g.x, middle), "y": sample_at(g.y, middle),
-        "heading": _wrap_angle(sample_at(g.yaw, middle)),
+        "heading": wrap(sample_at(g.yaw, middle)),
         "revolution_angle": sample_at(distance * SAMPLE / GEAR_REVOLUTION, middle) % 1.0,
         "direction": np.sign(np.where(np.abs(yaw_rate) < straight, 0.0, yaw_rate)),
         "way": sample_at(distance * SAMPLE, middle)}
-
-
-def _wrap_angle(angle: FloatArray) -> FloatArray:
-    """Wrap an angle to -pi to pi."""
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
-
