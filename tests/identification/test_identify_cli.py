@@ -110,8 +110,9 @@ def test_a_base_gives_what_is_not_identified(run, tmp_path):
 
 @pytest.mark.slow
 def test_every_file_of_the_paper_is_in_the_list(run):
-    _, out, _ = run("all", "--as-paper", EXCERPT, "--dry-run")
-    head, rest = out.split("parameters,")[0].splitlines()[0], out.split("parameters,")[0]
+    _, out, _ = run("all", "--as-paper", EXCERPT, "--dry-run", "--full")
+    rest = out.split("parameters,")[0]
+    head = rest.splitlines()[3]
     listed = [int(n) for n in re.findall(r": (\d+) file\(s\)", rest)]
     assert head.startswith("43 of 43 file(s) used")
     assert sum(listed) == 43

@@ -38,6 +38,7 @@ from dart_hal.cli.common.output import (
     console,
     print_json,
     print_line,
+    print_verdict,
     progress_bar,
     show_notices,
 )
@@ -241,8 +242,10 @@ def _ask_start(step: AcceptanceStep) -> str:
 
 
 def _print_report(report: AcceptanceReport) -> None:
-    """Print the verdict, then one line per value."""
-    print_line(report.lead())
+    """Print verdict, steps and first step in three lines, then one line per value."""
+    agreement = report.describe_agreement()
+    print_verdict(f"{agreement[:1].upper()}{agreement[1:]}.", report.describe_steps(),
+                  report.first_step(), "bold red" if report.has_failed else "bold")
     for outcome in report.outcomes:
         print_line("")
         print_line(f"{outcome.step.title}: {report.describe_status(outcome)}")

@@ -25,6 +25,7 @@ from dart_hal.cli.common.output import (
     console,
     count_notices,
     print_json,
+    print_line,
     progress_bar,
     show_notices,
 )
@@ -132,7 +133,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
                      progress=lambda share, text: bar.update(
                          task, description=text,
                          completed=READING_FRACTION + (1.0 - READING_FRACTION) * share))
-    sizes.show(as_json)
+    sizes.show_cautions(as_json)
     d = _add_context(d, model, skipped, (*sizes.lines, *inputs.notes))
     # 4. Write the extended model, the predictor and the page, then print the results.
     if out is not None:
@@ -161,6 +162,8 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     from dart_lab.pages.diagnose_table import show, show_full
 
     (show_full if full else show)(d)
+    if sizes.first_line:
+        print_line(sizes.first_line, "yellow")
     count_notices(notes, full)
     if suggest:
         from dart_lab.pages.diagnose_suggest import show_suggestions

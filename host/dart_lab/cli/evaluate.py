@@ -8,7 +8,13 @@ from types import ModuleType
 import click
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.common.options import REFERENCE, html_option, json_option, plots_options
+from dart_hal.cli.common.options import (
+    REFERENCE,
+    full_option,
+    html_option,
+    json_option,
+    plots_options,
+)
 from dart_hal.cli.common.output import print_json, progress_bar, show_notices
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.config import ModelFile
@@ -36,12 +42,13 @@ from dart_lab.identification.measured import MEASURED, default_model, named_mode
                    "(default: fitted, but known for the published recordings)")
 @plots_options("the errors", "the errors, and those of each recording")
 @html_option
+@full_option
 @recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
             reference: Reference | None,
-            plot: Path | None, html: Path | None, car_name: str | None, cars: Path | None,
-            as_json: bool) -> None:
+            plot: Path | None, html: Path | None, full: bool, car_name: str | None,
+            cars: Path | None, as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
     FILES: recordings with motion capture, or folders, also of the data folder ($DART_DATA, see
@@ -69,7 +76,7 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     car = load_named_car(car_name, cars)
     recordings, skipped = _read_recordings(found, reference, car_name, cars)
     sizes = apply_car_sizes(model, file, car, recordings, fitting=False)
-    sizes.show(as_json)
+    sizes.show_cautions(as_json)
     vehicle = kinematic(sizes.vehicle) if as_kinematic else sizes.vehicle
     result = _evaluate(vehicle, recordings, skipped, found, reference, list_fitted_hashes(file))
     pictures = _import_pictures().draw(result, plot) if plot is not None else []
@@ -83,7 +90,7 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     else:
         from dart_lab.pages.evaluate_table import show
 
-        show(result, pictures)
+        show(result, pictures, sizes.first_line, full)
 
 
 def _refuse_model_files(files: tuple[Path, ...]) -> None:

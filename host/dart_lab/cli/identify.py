@@ -75,7 +75,7 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               help="fit all sub-models together on their prediction errors, from recordings with "
               "motion capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
-@click.option("--full", is_flag=True, help="list every session by itself")
+@click.option("--full", is_flag=True, help="print every file and every note")
 @recorded_car_options
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
@@ -112,7 +112,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     else:
         data, skipped = _read_recordings(files, reference, car_name, cars)
         sizes = apply_car_sizes(origin, start, car, data, fitting=True)
-        sizes.show(as_json)
+        sizes.show_cautions(as_json)
         start = sizes.model
         with progress_bar() as bar:
             task = bar.add_task("joint fit" if joint else "fitting", total=1.0)
@@ -131,7 +131,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     if not as_json:
         from dart_lab.pages.identify_table import show
 
-        show(outcome, full)
+        show(outcome, sizes.first_line if sizes else "", full)
         results.print(f"base: {origin}", markup=False, highlight=False)
     _report_written(written, path, target, dry_run)
     # Pictures come last: if drawing fails, the results are printed and the model is written.

@@ -11,11 +11,19 @@ from dart_hal.car.digest import Digest, digest
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.cli.common.options import (
     cars_option,
+    full_option,
     html_option_with_default,
     json_option,
     old_spelling,
 )
-from dart_hal.cli.common.output import console, print_json, progress_bar, show_notices
+from dart_hal.cli.common.output import (
+    console,
+    count_notices,
+    print_json,
+    print_verdict,
+    progress_bar,
+    show_notices,
+)
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.config.history import calibration_changes, model_changes
@@ -35,8 +43,9 @@ MAX_RUNS = 10
 @html_option_with_default(Path("report.html"))
 @old_spelling("--out", "--html", OutputFile(".html"))
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path, exists=True), metavar="[RUNS]..")
+@full_option
 @json_option
-def command(car_name: str, cars: Path | None, html: Path, runs: tuple[Path, ...],
+def command(car_name: str, cars: Path | None, html: Path, runs: tuple[Path, ...], full: bool,
             as_json: bool) -> None:
     """Write one page about a car: calibrations with intervals and age, last runs, what changed.
 
@@ -55,12 +64,14 @@ def command(car_name: str, cars: Path | None, html: Path, runs: tuple[Path, ...]
         datetime.now(timezone.utc))
     answer = car_report.to_json(html)
     write_page(car_report, html, answer)
-    show_notices(skipped)
     if as_json:
+        show_notices(skipped)
         print_json(answer)
         return
-    for line in car_report.to_do():
-        console.print(line, markup=False, highlight=False)
+    verdict, driven = car_report.describe()
+    to_do = car_report.to_do()
+    print_verdict(verdict, driven, to_do[0] if to_do else "")
+    count_notices((*skipped, *to_do[1:]), full)
     console.print(f"report: {html}", markup=False, highlight=False)
 
 

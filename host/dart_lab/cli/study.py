@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -9,14 +10,28 @@ import click
 from rich.progress import Progress, TaskID
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.common.options import REFERENCE, PageOption, json_option, out_folder_option
-from dart_hal.cli.common.output import console, print_json, print_line, progress_bar
+from dart_hal.cli.common.options import (
+    REFERENCE,
+    PageOption,
+    full_option,
+    json_option,
+    out_folder_option,
+)
+from dart_hal.cli.common.output import (
+    console,
+    count_notices,
+    print_json,
+    print_line,
+    print_verdict,
+    progress_bar,
+)
 from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
 from dart_lab.identification.measured import named_model
 from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_page
+from dart_lab.study.stages import StageResult, describe_validation
 
 
 @click.command("study")
@@ -32,11 +47,12 @@ from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_p
 @click.option("--html", cls=PageOption, default=None)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="seed of the random draws for intervals and significance")
+@full_option
 @recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
-            reference: Reference | None, html: Path | None, seed: int, car_name: str | None,
-            cars: Path | None, as_json: bool) -> int:
+            reference: Reference | None, html: Path | None, seed: int, full: bool,
+            car_name: str | None, cars: Path | None, as_json: bool) -> int:
     """Study a car by its recordings: check, identifiability, fit, validation, diagnosis, next.
 
     FILES: recordings or folders of them, imported ones too (dart-hal data import). The last third
@@ -59,10 +75,6 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
         with progress_bar() as bar:
             result = run_stage(study, name, partial(_report_progress, bar,
                                                     bar.add_task(name, total=1.0)))
-        if not as_json:
-            print_line(f"{name}: {result.verdict}", "bold" if result.sound else "red")
-            for line in result.lines:
-                print_line(f"  {line}")
         # Later stages use this result: they would fail, or mislead.
         if not result.sound:
             break
@@ -77,9 +89,39 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
         print_json({"folder": out, "page": page, "stages": {
             name: {"verdict": r.verdict, "lines": r.lines, "sound": r.sound, "facts": r.facts}
             for name, r in results.items()}})
-    elif page is not None:
-        console.print(f"report: {page}", markup=False, highlight=False)
+    else:
+        _show(results, full)
+        if page is not None:
+            console.print(f"report: {page}", markup=False, highlight=False)
     return 0 if all(r.sound for r in results.values()) else 1
+
+
+def _show(results: Mapping[str, StageResult], full: bool) -> None:
+    """Print verdict, errors and first step in three lines, then a line for each stage.
+
+    full: print the sentences of each stage, else their number.
+    """
+    unsound = next((r for r in results.values() if not r.sound), None)
+    last = unsound or results.get("diagnosis") or list(results.values())[-1]
+    verdict = (f"The study ends at {unsound.stage}: {unsound.verdict}." if unsound
+               else last.verdict)
+    validation = results.get("validation")
+    print_verdict(verdict, describe_validation(validation) if validation else "",
+                  _first_step(results, unsound), "bold" if unsound is None else "bold red")
+    for name, result in results.items():
+        print_line(f"  {name}: {result.verdict}", "" if result.sound else "red")
+    count_notices(tuple(f"{name}: {line}" for name, result in results.items()
+                        for line in result.lines), full)
+
+
+def _first_step(results: Mapping[str, StageResult], unsound: StageResult | None) -> str:
+    """Return what to do first: about the stage at which the study ends, or the next drive."""
+    if unsound is not None:
+        return unsound.lines[0] if unsound.lines else f"repeat it: --stage {unsound.stage}"
+    if "next" in results:
+        return results["next"].verdict
+    missing = next((name for name in STAGES if name not in results), None)
+    return f"run the next stage: --stage {missing}" if missing else ""
 
 
 def _report_progress(bar: Progress, task: TaskID, share: float, text: str) -> None:

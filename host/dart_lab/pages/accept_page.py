@@ -20,6 +20,7 @@ from dart_lab.report.numbers import significant, with_error
 
 INTERRUPTED = "interrupted"
 NOT_MEASURED = "not measured"
+DIFFERS = "differs"
 COLUMNS = ("value", "measured", "emulator", "")
 
 
@@ -46,20 +47,37 @@ class AcceptanceReport:
 
     def lead(self) -> str:
         """Return the verdict: steps measured, failed and skipped, and values that differ."""
+        return f"{self.describe_steps()}; {self.describe_agreement()}"
+
+    def describe_steps(self) -> str:
+        """Return how many steps were measured, and which failed or were skipped."""
         number = {status: [o.step.title for o in self.outcomes if o.status == status]
                   for status in ("measured", "failed", "skipped")}
+        sentences = [f"{len(number['measured'])} of {len(self.outcomes)} steps measured"]
+        sentences += [f"{status}: {', '.join(titles)}" for status, titles in number.items()
+                      if status != "measured" and titles]
+        return "; ".join(sentences)
+
+    def describe_agreement(self) -> str:
+        """Return how many values are as predicted."""
         # Only values that both cars have can agree or differ.
         pairs = [(f, self._prediction(f)) for o in self.outcomes for f in o.findings]
         verdicts = [agrees(f, p) for f, p in pairs if p is not None]
         compared = [v for v in verdicts if v is not None]
-        # The verdict in one sentence: what was done, what was not, what differs.
-        sentences = [f"{len(number['measured'])} of {len(self.outcomes)} steps measured"]
-        sentences += [f"{status}: {', '.join(titles)}" for status, titles in number.items()
-                      if status != "measured" and titles]
-        sentences.append(f"{compared.count(True)} of {len(compared)} values are as the emulated "
-                         f"car predicts, within {AGREEMENT_SIGMAS:.0f} standard errors and "
-                         f"{AGREEMENT_SHARE:.0%}")
-        return "; ".join(sentences)
+        return (f"{compared.count(True)} of {len(compared)} values are as the emulated "
+                f"car predicts, within {AGREEMENT_SIGMAS:.0f} standard errors and "
+                f"{AGREEMENT_SHARE:.0%}")
+
+    def first_step(self) -> str:
+        """Return what to do first: repeat a step that failed, look at a value, or drive."""
+        for outcome in self.outcomes:
+            if outcome.status == "failed":
+                return outcome.remedy or f"repeat {outcome.step.title}: {outcome.reason}"
+        for outcome in self.outcomes:
+            for title, measured, predicted, remark in self.rows(outcome):
+                if remark == DIFFERS:
+                    return f"look at {title}: measured {measured}, predicted {predicted}"
+        return "dart-hal calibrate all"
 
     def describe_status(self, outcome: AcceptanceOutcome) -> str:
         """Return what became of a step, with the reason and the remedy."""
@@ -93,7 +111,7 @@ class AcceptanceReport:
     def _remark(self, finding: Measurand) -> str:
         predicted = self._prediction(finding)
         verdict = agrees(finding, predicted) if predicted else None
-        return "" if verdict is None else "as predicted" if verdict else "differs"
+        return "" if verdict is None else "as predicted" if verdict else DIFFERS
 
 
 def _text(finding: Measurand | None) -> str:

@@ -9,11 +9,12 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from dart_hal.cli.common.output import print_line, results
+from dart_hal.cli.common.output import count_notices, print_line, print_verdict, results
 from dart_hal.recording.check import DONE, CheckSummary, RecordingCheck, folder_of, stem_of
 from dart_hal.recording.fetch import FetchOutcome
 from dart_hal.recording.fetch.published import MANUAL_ADVICE
 from dart_hal.recording.repair import Repaired
+from dart_lab.report.numbers import significant
 
 # More files are listed in a table, and only with their serious findings.
 MAX_DETAILED_FILES = 3
@@ -30,7 +31,17 @@ MAX_NAME_COLUMNS = 44
 
 def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, str]],
                 whole: CheckSummary, full: bool) -> None:
-    """Print a block for each of a few files, a table of many; the summary is last."""
+    """Print verdict, uses and first step in three lines, then a block for each of a few files or a
+    table of many. Skipped files and differences are counted unless ``full``.
+    """
+    usable = sum(bool(c.good_for) for c in checks)
+    kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
+    uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
+    verb = "is" if usable == 1 else "are"
+    print_verdict(f"{usable} of {whole.files} recordings {verb} good for a fit or an evaluation, "
+                  f"{significant(whole.duration)} s in total.",
+                  f"good for: {uses}; {whole.windows} evaluation windows of 1 s; {kinds}",
+                  _first_step(checks), "bold" if usable else "bold red")
     if full or len(checks) <= MAX_DETAILED_FILES:
         for c in checks:
             _print_block(c)
@@ -38,14 +49,18 @@ def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, s
         results.print(_make_table(checks))
         _print_serious(checks)
         _print_counts(checks)
-    for path, reason in skipped:
-        print_line(f"skipped {path}: {reason}", "yellow")
-    for note in whole.notes:
-        print_line(f"note: {note}", "yellow")
-    kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
-    uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
-    print_line(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
-                f"evaluation windows; good for: {uses}")
+    count_notices((*(f"skipped {path}: {reason}" for path, reason in skipped), *whole.notes), full)
+
+
+def _first_step(checks: Sequence[RecordingCheck]) -> str:
+    """Return what to do first: look at a serious finding, or use the recordings."""
+    serious = [(c, finding) for c in checks for finding in c.findings if finding.serious]
+    if serious:
+        c, finding = serious[0]
+        return f"look at {c.name}: {finding}"
+    if any("evaluation" in c.good_for for c in checks):
+        return "dart-hal evaluate FILES, then dart-hal diagnose --train FILES"
+    return "dart-hal identify all FILES" if any(c.good_for for c in checks) else ""
 
 
 def _print_block(c: RecordingCheck) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.common.output import output, print_line, results
+from dart_hal.cli.common.output import output, print_line, print_verdict, results
 from dart_lab.diagnosis.report.compared import step_changes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim
 from dart_lab.diagnosis.report.findings import list_findings
@@ -48,11 +48,9 @@ STAGE_TITLES = {"given": "given", "refitted": "refitted", "extended": "with caus
 
 def show(d: Diagnosis) -> None:
     """Print verdict, errors and first step in three lines, then one line for each finding."""
-    print_line(headline(d), style="bold")
     changes = _describe_errors(d)
-    if changes:
-        print_line(f"errors 1 s ahead on the test recordings: {changes}")
-    print_line(f"First: {first_step(d)}")
+    print_verdict(headline(d), changes and f"errors 1 s ahead on the test recordings: {changes}",
+                  first_step(d))
     lines = [*motion_warnings(d), *(finding.line for finding in list_findings(d))]
     for line in lines[:MAX_LINES]:
         print_line(f"  {line}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich import box
@@ -11,10 +12,20 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dart_hal.cli.common.output import console, output, results
+from dart_hal.cli.common.output import (
+    console,
+    count_notices,
+    output,
+    print_line,
+    print_verdict,
+    results,
+)
 from dart_lab.identification.evaluation import CHANNELS, ERROR_UNITS, HORIZONS, Evaluation
 from dart_lab.identification.evaluation.cases import EXCLUDED, short
+from dart_lab.report.numbers import describe_change, join_names, significant
 
+# Horizon [s] of the verdict.
+HEADLINE_HORIZON = 1.0
 # Decimals of each channel at 80 columns.
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
 # From this terminal width on all channels but FIXED_DIGITS have one decimal more.
@@ -31,11 +42,17 @@ YEAR = re.compile(r"_20\d\d_")
 CHANNEL_TITLES = ("v_x", "v_y", "yaw rate", "position", "yaw")
 
 
-def show(e: Evaluation, pictures: list[Path]) -> None:
-    """Print the unused files, the table of errors, and the conclusions last."""
-    _print_files(e)
+def show(e: Evaluation, pictures: list[Path], assumption: str, full: bool) -> None:
+    """Print verdict, errors and first step in three lines, then the table and the conclusions.
+
+    assumption: about the sizes of the car, "" for none. What is not used is counted unless
+    ``full``.
+    """
+    print_verdict(_headline(e), _describe_errors(e), _first_step(e))
+    if assumption:
+        print_line(assumption, "yellow")
     if caution(e):
-        results.print(f"caution: {caution(e)}", style="yellow", markup=False, highlight=False)
+        print_line(f"caution: {caution(e)}", "yellow")
     # A narrow terminal may break lines, but the table must not cut a number.
     Console(file=output, emoji=False, width=max(results.width, MIN_TABLE_WIDTH)).print(
         _make_table(e))
@@ -48,30 +65,59 @@ def show(e: Evaluation, pictures: list[Path]) -> None:
             results.print(f"  {sentence}", markup=False, highlight=False)
     for picture in pictures:
         console.print(f"picture: {picture}", markup=False, highlight=False)
+    count_notices(tuple(_list_unused(e)), full)
 
 
-def _print_files(e: Evaluation) -> None:
+def _headline(e: Evaluation) -> str:
+    """Return the verdict: the error of the position, compared with constant velocity."""
+    gain = e.gain_over_ctrv(HEADLINE_HORIZON)["position"]
+    error = e.model.rmse(HEADLINE_HORIZON)["position"]
+    if not (math.isfinite(error) and math.isfinite(gain.value)):
+        return f"The model {e.vehicle.name} diverges within {HEADLINE_HORIZON:g} s."
+    # A gain is a share of the error of constant velocity.
+    compared = describe_change(1.0 - gain.value, 1.0 - gain.high, 1.0 - gain.low)
+    return (f"The model {e.vehicle.name} predicts the position {HEADLINE_HORIZON:g} s ahead with "
+            f"an error of {significant(error)} m (RMSE), {compared} than by constant velocity.")
+
+
+def _describe_errors(e: Evaluation) -> str:
+    """Return the errors of all channels, and the number of windows."""
+    errors = e.model.rmse(HEADLINE_HORIZON)
+    channels = ", ".join(f"{title} {significant(errors[c])} {unit}" for c, title, unit in zip(
+        CHANNELS, CHANNEL_TITLES, ERROR_UNITS, strict=True))
+    return (f"errors {HEADLINE_HORIZON:g} s ahead (RMSE): {channels}; {e.prepared.windows} windows "
+            f"of {len(e.prepared.cases)} of {len(e.prepared.files)} recordings")
+
+
+def _first_step(e: Evaluation) -> str:
+    """Return what to do first."""
+    if e.fitted_to:
+        return "evaluate recordings that the model was not fitted to"
+    worse = [title for title, gain in zip(
+        CHANNEL_TITLES, e.gain_over_ctrv(HEADLINE_HORIZON).values(), strict=True)
+        if not gain.value > 0.0]
+    why = f", because constant velocity predicts {join_names(worse, 'and')} better" if worse else ""
+    return f"dart-hal diagnose finds the cause of these errors{why}"
+
+
+def _list_unused(e: Evaluation) -> Iterator[str]:
+    """Yield a sentence for each kind of data that was not used, and each remark on a recording."""
     files = e.prepared.files
     unused: dict[str, list[str]] = {}
     for file, use in files.items():
         if not use.windows:
             unused.setdefault(use.why[0] if use.why else "no window", []).append(file)
-    results.print(f"{len(e.prepared.cases)} of {len(files)} file(s) used, "
-                  f"{e.prepared.windows} windows", highlight=False)
     for reason, names in unused.items():
         which = f" ({', '.join(map(short, names))})" if len(names) <= MAX_NAMED_FILES else ""
-        results.print(f"  skipped {len(names)} file(s){which}: {reason}", style="dim",
-                      markup=False, highlight=False)
+        yield f"skipped {len(names)} file(s){which}: {reason}"
     slow, bad = (sum(getattr(c.windows, kind) for c in e.prepared.cases)
                  for kind in ("slow", "bad"))
-    results.print(f"  windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples",
-                  style="dim", highlight=False)
+    if slow or bad:
+        yield f"windows left out: {slow} start at 0.3 m/s or slower, {bad} hold bad samples"
     for case in e.prepared.cases:
-        for why in files[case.file].why:
-            if EXCLUDED not in why:  # the line above counts these
-                style = "yellow" if why.startswith("caution:") else "dim"
-                results.print(f"  {short(case.file)}: {why}", style=style, markup=False,
-                              highlight=False)
+        # The line above counts those that are excluded.
+        yield from (f"{short(case.file)}: {why}" for why in files[case.file].why
+                    if EXCLUDED not in why)
 
 
 def caution(e: Evaluation) -> str:

@@ -9,19 +9,17 @@ from dataclasses import replace
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.common.output import results
+from dart_hal.cli.common.output import count_notices, print_line, print_verdict, results
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.outcome import Identification
 from dart_lab.identification.write import SECTIONS, why_unsound
-from dart_lab.report.numbers import with_error
+from dart_lab.report.numbers import shorten_list, significant, with_error
 
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
 # Numbers that differ from file to file in reasons that are otherwise the same.
 NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"
                     r"change speed|s earlier))")
-# Start of a note on one session.
-SESSION = re.compile(r"20\d\d-\d\d-\d\d\b")
 # Terminal width from which the loss is printed. It is the least informative column: the square
 # of the RMSE.
 LOSS_MIN_WIDTH = 90
@@ -29,28 +27,60 @@ LOSS_MIN_WIDTH = 90
 MAX_LISTED_FILES = 20
 
 
-def show(outcome: Identification, full: bool = False) -> None:
-    """Print the files, then the fits, so that the result does not scroll away.
+def show(outcome: Identification, assumption: str = "", full: bool = False) -> None:
+    """Print verdict, residuals and first step in three lines, then parameters and fits.
 
-    full: print the notes of every session, even of many files.
+    assumption: about the sizes of the car, "" for none. full: print the files and every note.
     """
-    _print_files(outcome)
+    print_verdict(_headline(outcome), _describe_residuals(outcome), _first_step(outcome))
+    if assumption:
+        print_line(assumption, "yellow")
+    if full:
+        _print_files(outcome)
     results.print(_make_parameter_table(outcome))
     results.print(_make_residual_table(outcome))
     for name, fit in outcome.fits.items():
         why = why_unsound(fit)
         if why:
-            results.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
-    notes = group_notes(outcome)
-    hidden = {} if full or len(outcome.files) <= MAX_LISTED_FILES else {
-        note: names for note, names in notes.items() if SESSION.match(note)}
-    for note, names in notes.items():
-        if note not in hidden:
-            results.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
-                          highlight=False)
-    if hidden:
-        results.print(f"  {len(hidden)} note(s) on single sessions: --full shows them, --json too",
-                      style="dim", markup=False, highlight=False)
+            print_line(f"caution: {name}: {why}", "yellow")
+    count_notices(tuple(f"{', '.join(names)}: {note}"
+                        for note, names in group_notes(outcome).items()), full)
+
+
+def _headline(outcome: Identification) -> str:
+    """Return the verdict: how many parameters were identified, and from how much data."""
+    entries = [e for fit in _list_fits(outcome).values() for e in fit.parameters.values()]
+    identified = sum(e.identifiable for e in entries)
+    samples = sum(r.used for r in outcome.files.values())
+    used = sum(1 for r in outcome.files.values() if r.used)
+    return (f"{identified} of {len(entries)} parameters identified, from {samples} samples of "
+            f"{used} of {len(outcome.files)} recordings.")
+
+
+def _describe_residuals(outcome: Identification) -> str:
+    """Return the residual of each fit."""
+    found = [f"{name} {significant(fit.rmse)} {fit.unit}" for name, fit in
+             _merge_joint_fits(outcome).items() if fit.n]
+    return f"residuals (RMSE): {', '.join(found)}" if found else ""
+
+
+def _first_step(outcome: Identification) -> str:
+    """Return what to do first: about an unsound fit, an unknown parameter, or a test."""
+    fits = _list_fits(outcome)
+    for name, fit in fits.items():
+        if why := why_unsound(fit):
+            return f"drive and record again for {name}: {why}"
+    unknown = [f"{name}.{key}" for name, fit in fits.items() for key, e in fit.parameters.items()
+               if not e.identifiable]
+    if unknown:
+        return f"record a drive that determines {shorten_list(unknown)}: dart-hal experiment"
+    return "dart-hal evaluate on recordings that were not used in this fit"
+
+
+def _list_fits(outcome: Identification) -> dict[str, SubmodelFit]:
+    """Return the fits without the repetition of both axles in one."""
+    return {name: fit for name, fit in outcome.fits.items()
+            if not (name == "tyres" and "tyres_front" in outcome.fits)}
 
 
 def group_notes(outcome: Identification) -> dict[str, list[str]]:
@@ -101,9 +131,7 @@ def list_parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
     The title row of a sub-model has no value. A value that is repeated in degrees has no name.
     """
     rows = []
-    for name, fit in outcome.fits.items():
-        if name == "tyres" and "tyres_front" in outcome.fits:
-            continue  # the same values as tyres_front and tyres_rear
+    for name, fit in _list_fits(outcome).items():
         paper = outcome.published[name].values if name in outcome.published else {}
         rows.append((name, "", "", ""))
         for key, e in {**fit.parameters, **outcome.derived.get(name, {})}.items():
@@ -119,18 +147,23 @@ def list_parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
 
 def list_residuals(outcome: Identification) -> list[dict[str, str]]:
     """Return one row for each fit, by column; a joint fit of several sub-models is one row."""
-    fits = dict(outcome.fits)
-    if outcome.joint is not None and fits:
-        first = next(iter(fits.values()))
-        fits = {"all": replace(first, converged=all(f.converged for f in fits.values()),
-                               at_bound=tuple(n for f in fits.values() for n in f.at_bound))}
     papers = {name: p.rmse for name, p in outcome.published.items() if p.rmse is not None}
     return [{"sub-model": name, "n": str(fit.n),
              "rmse": f"{fit.rmse:.5f} {fit.unit:<3}" if fit.n else "-",
              **({"paper's": f"{papers[name]:.5f}" if name in papers else ""} if papers else {}),
              "loss": f"{fit.loss:.6g}" if fit.n else "-",
              "fit ok": "yes" if fit.sound else "NO", "CPU ms": f"{1e3 * fit.cpu_s:.1f}"}
-            for name, fit in fits.items()]
+            for name, fit in _merge_joint_fits(outcome).items()]
+
+
+def _merge_joint_fits(outcome: Identification) -> dict[str, SubmodelFit]:
+    """Return the fits by name; a joint fit of several sub-models is one."""
+    fits = dict(outcome.fits)
+    if outcome.joint is None or not fits:
+        return fits
+    first = next(iter(fits.values()))
+    return {"all": replace(first, converged=all(f.converged for f in fits.values()),
+                           at_bound=tuple(n for f in fits.values() for n in f.at_bound))}
 
 
 def _make_parameter_table(outcome: Identification) -> Table:

@@ -78,6 +78,19 @@ class CarReport:
                     in run.doubts.items()]
         return out
 
+    def describe(self) -> tuple[str, str]:
+        """Return the verdict on the car, and a line about its runs."""
+        have = len(self.files.calibration.quantities()) if self.files.calibration else 0
+        missing = len(self.missing())
+        moved = sum(c.z > MIN_CHANGE_Z for c in (*self.calibration, *self.model))
+        verdict = (f"{self.files.config.name}: {have} quantities are measured, {missing} are not, "
+                   f"{moved} changed by more than {MIN_CHANGE_Z:.0f} standard errors.")
+        lost = sum(run.lost + run.damaged for run in self.runs)
+        driven = (f"runs: {len(self.runs)}, {significant(sum(r.duration for r in self.runs))} s, "
+                  f"{significant(sum(r.distance for r in self.runs))} m, {lost} frames lost or "
+                  "damaged")
+        return verdict, driven if self.runs else "runs: none"
+
     def list_run_changes(self) -> list[str]:
         """Describe how files and firmware differ between the last two runs."""
         if len(self.runs) < 2:

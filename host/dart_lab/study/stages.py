@@ -41,6 +41,7 @@ from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.outcome import identify_jointly, identify_per_recording
 from dart_lab.identification.shooting.identifiability import predict_identifiability
 from dart_lab.identification.write import SECTIONS, build_model
+from dart_lab.report.numbers import significant
 
 STAGES = {
     "check": "are the recordings whole, and good for a fit?",
@@ -286,6 +287,17 @@ def _validate(study: Study, progress: Progress | None) -> StageResult:
         "validation", f"the fit lowers the error in {len(better)} of {len(rows) - 1} channels, "
         f"{HORIZON:g} s ahead on the test recordings", tuple(lines), tuple(rows),
         {"pooled": pooled})
+
+
+def describe_validation(result: StageResult) -> str:
+    """Return the errors of start model and fitted model: "speed 0.3 -> 0.1 m/s"; "" without."""
+    if result.facts is None:
+        return ""
+    pooled = result.facts["pooled"]
+    parts = [f"{label.partition(' [')[0]} {significant(pooled['start'][channel])} -> "
+             f"{significant(pooled['fitted'][channel])} {label.partition(' [')[2][:-1]}"
+             for channel, label in CHANNEL_LABELS.items()]
+    return f"errors {HORIZON:g} s ahead on the test recordings: {', '.join(parts)}"
 
 
 def _diagnose(study: Study, progress: Progress | None) -> StageResult:

@@ -54,6 +54,18 @@ def print_line(text: str, style: str | None = None) -> None:
     results.print(text, style=style, markup=False, highlight=False)
 
 
+def print_verdict(verdict: str, figures: str, first: str, style: str = "bold") -> None:
+    """Print the beginning of a report, a line each: verdict, figures, the first thing to do.
+
+    verdict: a sentence with its decisive figure. An empty line is left out.
+    """
+    print_line(verdict, style=style)
+    if figures:
+        print_line(figures)
+    if first:
+        print_line(f"First: {first}")
+
+
 def print_json(value: Any) -> None:
     """Print exactly one JSON object on standard output."""
     print(json.dumps(plain(value), indent=2, allow_nan=False), file=output, flush=True)

@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from dart_hal.cli.common.options import cars_option
-from dart_hal.cli.common.output import console, print_line
+from dart_hal.cli.common.output import console
 from dart_hal.core.config import CarConfig, CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
@@ -46,13 +46,13 @@ class SizedModel:
     assumed: bool = False
     caution: str = ""
 
-    def show(self, as_json: bool) -> None:
-        """Print the assumption about sizes, and a caution if two sources contradict."""
-        line = self.first_line
-        if line and as_json:
-            console.print(line, style="yellow", markup=False, highlight=False)
-        elif line:
-            print_line(line, "yellow")
+    def show_cautions(self, as_json: bool) -> None:
+        """Print a caution if two sources contradict, with JSON the assumption about sizes too.
+
+        Text has the assumption below its verdict.
+        """
+        if self.first_line and as_json:
+            console.print(self.first_line, style="yellow", markup=False, highlight=False)
         if self.caution:
             console.print(f"caution: {self.caution}", style="yellow", markup=False,
                           highlight=False)
