@@ -19,7 +19,8 @@ class Beams:
     """Beams of one scan in the axes of the car at the end of ``stretch``.
 
     points, rays, origin (n, 2) [m]: end points, their derivative by the relative scale of the
-    distances, and the start of each beam; spread (n,): of the noise, as ``RangeNoise`` returns it.
+    distances, and the start of each beam; spread (n,): of the noise, as ``RangeNoise`` returns it;
+    t (n,) [s]: time of each.
     """
 
     points: FloatArray
@@ -27,6 +28,7 @@ class Beams:
     origin: FloatArray
     spread: FloatArray
     stretch: Stretch
+    t: FloatArray
 
 
 def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: float,
@@ -55,4 +57,4 @@ def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: f
     origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x + cy * mount.y))
     rays = range_[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
     spread = np.ones(len(range_)) if noise is None else noise.spread(range_)
-    return Beams(origin + rays, rays, origin, spread, stretch)
+    return Beams(origin + rays, rays, origin, spread, stretch, times)

@@ -61,7 +61,8 @@ class Located:
 class Localiser:
     """One per car and map. start: x, y [m], yaw [rad] if known.
 
-    ``belief``: the filter, None while the position is unknown. deskew: False places all beams at
+    ``belief``: the filter, None while the position is unknown; ``beams``: those of the last scan,
+    None before it and if they were too few. deskew: False places all beams at
     the middle of the scan, as a negative control.
     """
 
@@ -70,6 +71,7 @@ class Localiser:
         self.chart = chart
         self.deskew = deskew
         self.belief: Belief | None = None
+        self.beams: Beams | None = None
         self._start = None if start is None else np.array(start)
         self._steps = OdometrySteps()
         self._noise = RangeNoise()
@@ -95,7 +97,7 @@ class Localiser:
         """Add one scan; return None if it has too few beams, or no odometry."""
         if self._watch.sense is None:
             self._watch.add(scan, self._yaw)
-        beams = self._beams(scan)
+        beams = self.beams = self._beams(scan)
         if beams is None:
             return None
         t = float(beams.stretch.t[-1])

@@ -1,0 +1,1 @@
+"""Other cars in the own lidar: detection of rectangles of a known size, and their motion."""
