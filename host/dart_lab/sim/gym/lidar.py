@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class RangeSensor:
         hit = self._index.cast(origin, np.column_stack((c.ravel(), s.ravel())))
         reach = np.minimum(hit.reshape(shape), MAX_RANGE)
         for other in others:
-            reach = np.minimum(reach, _to_box(lidar_x, lidar_y, c, s, other))
+            reach = np.minimum(reach, box_distances(lidar_x, lidar_y, c, s, other))
         return reach
 
 
@@ -93,29 +93,29 @@ def board_lines(track: Path, offset: float) -> FloatArray:
     return free
 
 
-def _to_box(x: FloatArray, y: FloatArray, c: FloatArray, s: FloatArray,
-            other: FloatArray) -> FloatArray:
+def box_distances(x: Value, y: Value, c: Value, s: Value, other: Sequence[Value],
+                  xp: Any = np) -> Any:
     """Return distances (beams, n) along (c, s) from x, y (n,) to a car's outline, or MAX_RANGE.
 
     Slab method: in the frame of the outline a ray is between the two sides of an axis for an
     interval of distances. It meets the outline if the intervals of both axes overlap.
     """
-    cos = np.cos(other[2])
-    sin = np.sin(other[2])
+    cos = xp.cos(other[2])
+    sin = xp.sin(other[2])
     dx = x - other[0]
     dy = y - other[1]
     starts = cos * dx + sin * dy - CAR_OUTLINE.ahead, cos * dy - sin * dx
     directions = cos * c + sin * s, cos * s - sin * c
     halves = 0.5 * CAR_OUTLINE.length, 0.5 * CAR_OUTLINE.width
-    enter = np.zeros_like(c)
-    leave = np.full_like(c, MAX_RANGE)
+    enter = xp.zeros_like(c)
+    leave = xp.full_like(c, MAX_RANGE)
     for start, direction, half in zip(starts, directions, halves, strict=True):
-        slope = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+        slope = xp.where(xp.abs(direction) < 1e-12, 1e-12, direction)
         one = (-half - start) / slope
         two = (half - start) / slope
-        enter = np.maximum(enter, np.minimum(one, two))
-        leave = np.minimum(leave, np.maximum(one, two))
-    return np.where(enter < leave, enter, MAX_RANGE)
+        enter = xp.maximum(enter, xp.minimum(one, two))
+        leave = xp.minimum(leave, xp.maximum(one, two))
+    return xp.where(enter < leave, enter, MAX_RANGE)
 
 
 class CarPoses(Protocol):

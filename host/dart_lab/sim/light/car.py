@@ -60,20 +60,8 @@ class LightCar(LightPlant):
         """
         if seed is not None:
             self.seed([seed])
-        self.k = 0
-        self.state = tuple(map(float, (x, y, yaw, v_x, v_y, yaw_rate, throttle, steering)))
-        self._servo = float(steering)
-        # The delayed commands before the start are those of the start.
-        self._queue.extend([(float(throttle), float(steering))] * (self._queue.maxlen or 1))
-        # Five normal numbers: three biases, two components of the force.
-        row = self._starts[0].standard_normal(5).tolist()
-        self._bias = self._offsets(row)
-        if self._force is not None:
-            self._force.force = self._force.start(row[3:])
-        self._travel = self._path = 0.0
-        self._start_effects(True)
-        if self._history is not None:
-            self._history.fill(self._extrapolate_past(self.state))
+        self.begin(tuple(map(float, (x, y, yaw, v_x, v_y, yaw_rate, throttle, steering))),
+                   self._starts[0].standard_normal(5).tolist())
         self._just_reset = True
         return self.state
 

@@ -20,7 +20,8 @@ from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace, Value
 class Ops:
     """``f``: functions; ``choose(condition, yes, no)``; ``whole(v)``: floor as an index.
 
-    ``table(values)``: a table for such indices; ``both`` and ``either``: logical operations.
+    ``table(values)``: a table for such indices; ``both`` and ``either``: logical operations;
+    ``arrays``: the module whose functions take arrays, and those traced by JAX.
     """
 
     f: Namespace
@@ -29,6 +30,7 @@ class Ops:
     table: Callable[[Sequence[float]], Any]
     both: Callable[[Any, Any], Any]
     either: Callable[[Any, Any], Any]
+    arrays: Any = np
 
 
 def _choose(condition: Any, yes: Value, no: Value) -> Value:

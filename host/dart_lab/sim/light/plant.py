@@ -101,7 +101,8 @@ class LightPlant:
         self._actuator_effects: list[ActuatorEffects] = []
         self._steppers = tuple(
             (piece, self._make_move(p, piece.duration,
-                                    find_substeps(vehicle, piece.duration, c.method)))
+                                    find_substeps(vehicle, piece.duration, c.method,
+                                                  self.ops.arrays)))
             for piece in self._pieces)
         self._sensor_effects = SensorEffects(p, c.step, self.ops) if has_sensor_effects(p) else None
         self._drive = make_drive(p.duty_motor, p.friction, self.ops.f)
@@ -148,13 +149,32 @@ class LightPlant:
         c = self.config
 
         def draw(stream: int, columns: int) -> Any:
-            return noise.make_stream(seeds, stream, columns, self._scalar, c.dtype)
+            return self.make_stream(seeds, stream, columns)
 
         self._force_noise = draw(noise.FORCE_STREAM, 2) if self._force else None
         self._starts = [noise.make_generator(seed, noise.START_STREAM) for seed in seeds]
         self._passed = 0
         self._sensor_model = (None if c.sensors is None else
                           SensorModel(c.sensors, c.step, self._nominal.body.l_r, self.ops, draw))
+
+    def make_stream(self, seeds: Sequence[noise.Seed], stream: int, columns: int) -> Any:
+        """Make one stream of noise."""
+        return noise.make_stream(seeds, stream, columns, self._scalar, self.config.dtype)
+
+    def begin(self, state: State8, row: Sequence[Value]) -> None:
+        """Begin with a state; row: five standard normal numbers for three biases and the force."""
+        self.k = 0
+        self.state = state
+        self._servo = state[7]
+        # The delayed commands before the start are those of the start.
+        self._queue.extend([(state[6], state[7])] * (self._queue.maxlen or 1))
+        self._bias = self._offsets(row)
+        if self._force is not None:
+            self._force.force = self._force.start(row[3:])
+        self._travel = self._path = 0.0
+        self._start_effects(True)
+        if self._history is not None:
+            self._history.fill(self._extrapolate_past(state))
 
     def advance(self, throttle: Value, steering: Value, steps: int = 1) -> State8:
         """Return the state after ``steps`` steps with constant commands -1..1."""

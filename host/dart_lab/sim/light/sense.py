@@ -107,7 +107,7 @@ class SensorModel:
             (noise.ACCEL_STREAM, 2, sensors.accel.density > 0.0),
             (noise.MOCAP_STREAM, 4, m.noise > 0.0 or m.yaw_noise > 0.0 or m.dropout > 0.0))]
         self._dropout_limit = NormalDist().inv_cdf(m.dropout) if m.dropout > 0.0 else -math.inf
-        self._last_reading: Reading | None = None
+        self.last_reading: Reading | None = None
 
     def read(self, k: Value, passed: int, past: History, bias: Row, going: Any = True,
              effects: SensorEffects | None = None) -> Reading:
@@ -143,9 +143,9 @@ class SensorModel:
             self._inertial(s.accel, accel[0], bias[1], a[0]),
             self._inertial(s.accel, accel[1], bias[2], a[1]),
             pose[0] + p.noise * m[0], pose[1] + p.noise * m[1], pose[2] + p.yaw_noise * m[2])
-        if self._last_reading is not None:
+        if self.last_reading is not None:
             new = self._hold(new, k, passed, m[3], going)
-        self._last_reading = new
+        self.last_reading = new
         return new
 
     def _hold(self, new: Reading, k: Value, passed: int, chance: Value, going: Any) -> Reading:
@@ -156,7 +156,7 @@ class SensorModel:
         if self._dropout_limit > -math.inf:
             lost = chance < self._dropout_limit
             keep[3] = lost if keep[3] is None else either(keep[3], lost)
-        last = self._last_reading
+        last = self.last_reading
         assert last is not None
         held = list(new)
         for i, sensor in enumerate(SENSOR_OF_FIELD, start=1):

@@ -49,7 +49,7 @@ class Substeps:
     parts: Value
 
 
-def find_substeps(p: Vehicle, step: float, method: str = "rk4") -> Substeps:
+def find_substeps(p: Vehicle, step: float, method: str = "rk4", xp: Any = np) -> Substeps:
     """Return the substeps for steps of ``step`` s near standstill.
 
     1. The fastest rate of the lateral equations, linear in the slip angle, is
@@ -60,14 +60,16 @@ def find_substeps(p: Vehicle, step: float, method: str = "rk4") -> Substeps:
     p = apply_parameter_effects(p)
     limit = (MAX_RATE_STEP if method == "rk4" else 0.5 * MAX_RATE_STEP) / step
     still = p.friction.a * p.friction.b / p.body.mass
-    stiff = _stiffness(p) if p.kind == "dynamic" else 0.0 * still
+    stiff = _stiffness(p, xp) if p.kind == "dynamic" else 0.0 * still
     divisor = _divisors(p.slip)
-    fastest = np.maximum(still, stiff / divisor[0])
+    fastest = xp.maximum(still, stiff / divisor[0])
     # First entry of the table from which on the rate is below the limit.
-    slow = np.searchsorted(divisor, stiff / limit)
-    speed = np.where(still > limit, math.inf, np.where(slow < len(divisor), 0.01 * slow, math.inf))
-    parts = np.maximum(1, np.ceil(fastest / limit)).astype(int)
-    return Substeps(speed, parts) if np.ndim(parts) else Substeps(float(speed), int(parts))
+    slow = xp.searchsorted(divisor, stiff / limit)
+    speed = xp.where(still > limit, math.inf, xp.where(slow < len(divisor), 0.01 * slow, math.inf))
+    parts = xp.maximum(1, xp.ceil(fastest / limit)).astype(int)
+    if xp is not np or np.ndim(parts):
+        return Substeps(speed, parts)
+    return Substeps(float(speed), int(parts))
 
 
 @lru_cache(maxsize=8)
@@ -81,15 +83,15 @@ def _divisors(form: str) -> FloatArray:
     return least
 
 
-def _stiffness(p: Vehicle) -> Value:
+def _stiffness(p: Vehicle, xp: Any) -> Value:
     """Return the fastest rate of (v_y, omega) at a divisor of 1 m/s [1/s]: an eigenvalue."""
-    front, rear = (f(1e-6) / 1e-6 for f in make_tyres(p.tyres, p.body, np))
+    front, rear = (f(1e-6) / 1e-6 for f in make_tyres(p.tyres, p.body, xp))
     b = p.body
     across = (front + rear) / b.mass
     turning = (
         b.l_f**2 * front + b.l_r**2 * rear) / b.yaw_inertia
     coupling = (b.l_f * front - b.l_r * rear) ** 2 / (b.mass * b.yaw_inertia)
-    return 0.5 * (across + turning + np.sqrt((across - turning) ** 2 + 4.0 * coupling))
+    return 0.5 * (across + turning + xp.sqrt((across - turning) ** 2 + 4.0 * coupling))
 
 
 def make_scalar_stepper(p: Vehicle, step: float, method: str, substeps: Substeps,

@@ -1,0 +1,66 @@
+"""What the light simulation needs of JAX: operations, a history of signals, a stepper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dart_hal.vehicle import Vehicle, make_car_step, make_motion_step
+from dart_hal.vehicle.namespace import Value, adapt
+from dart_lab.sim.light.history import Rows
+from dart_lab.sim.light.ops import Ops
+from dart_lab.sim.light.stepper import State8, Stepper, Substeps
+
+# jnp.fmin and jnp.fmax ignore NaN, which takes a comparison more.
+JAX = replace(adapt(jnp), fmin=jnp.minimum, fmax=jnp.maximum)
+JAX_OPS = Ops(JAX, jnp.where, lambda v: jnp.floor(v).astype(int), jnp.asarray, jnp.logical_and,
+              jnp.logical_or, jnp)
+
+
+class JaxHistory:
+    """History of one car in an array (depth, signals), the newest first."""
+
+    def __init__(self, depth: int) -> None:
+        self._depth = depth
+        self.ring: Any = None
+
+    def push(self, signals: Any) -> None:
+        """Append the signals of a new step, and drop the oldest."""
+        self.ring = jnp.concatenate([jnp.stack(signals)[None], self.ring[:-1]])
+
+    def fill(self, rows: Rows, lanes: Any = None) -> None:
+        """Replace the whole history."""
+        self.ring = jnp.stack([jnp.stack(rows(k)) for k in range(self._depth)])
+
+    def value(self, signal: int, back: Value) -> Value:
+        """Return a signal ``back`` steps ago, linear between steps."""
+        k = jnp.floor(back).astype(int)
+        newer = self.ring[k, signal]
+        return newer + (back - k) * (self.ring[k + 1, signal] - newer)
+
+
+def make_jax_stepper(p: Vehicle, step: float, method: str, substeps: Substeps, max_parts: int,
+                     kind: str = "car") -> Stepper:
+    """Make ``stepper(state, throttle, steering) -> state`` for one car, see ``light.stepper``.
+
+    A slow car takes several short steps. Their number may depend on a traced vehicle, so
+    ``max_parts`` are computed, and those that the car does not take are dropped.
+    """
+    def stepper(state: State8, tau: Value, s: Value) -> State8:
+        slow = jnp.abs(state[3]) < substeps.speed
+        parts = jnp.where(slow, substeps.parts, 1)
+        advance = (make_motion_step(p, JAX, step / parts, 1, method) if kind == "motion"
+                   else make_car_step(p, JAX, step / parts, method))
+
+        def substep(k: Value, old: State8) -> State8:
+            return tuple(jnp.where(k < parts, new, was)
+                         for new, was in zip(advance(*old, tau, s), old, strict=True))
+
+        begun: State8 = tuple(map(jnp.asarray, state))
+        ended: State8 = jax.lax.fori_loop(0, max_parts, substep, begun)
+        return ended
+
+    return stepper
