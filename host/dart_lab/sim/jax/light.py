@@ -167,5 +167,6 @@ class _JaxPlant(LightPlant):
 def _as_arrays(s: LightState) -> LightState:
     """Return the state with one type for all numbers, as a loop needs it."""
     kind = jnp.result_type(float)
-    floats: LightState = jax.tree.map(lambda v: jnp.asarray(v, kind), s._replace(k=(), fresh=(), key=()))
+    numbers = s._replace(k=(), fresh=(), key=())
+    floats: LightState = jax.tree.map(lambda v: jnp.asarray(v, kind), numbers)
     return floats._replace(k=jnp.asarray(s.k, int), fresh=jnp.asarray(s.fresh, bool), key=s.key)
