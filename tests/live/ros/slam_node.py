@@ -1,6 +1,6 @@
 """A rospy node with tf2 that subscribes after the car has started, and looks up each scan.
 
-    python slam_node.py SEEN.json
+    python slam_node.py OUT.json
 
 {"rows": [[x, y of the lidar in the map at the stamp, readings, s from the stamp to /clock], ...],
 "map": [width, height], "latched": [...frames of /tf_static]}. It needs nothing of this project.

@@ -11,7 +11,7 @@ from dart_lab.sim.gym import SPREAD, DartCarEnv, GymConfig
 from dart_lab.sim.jax import DartCar
 from dart_lab.sim.light import DART_ACTUATORS, Encoder, LightConfig, Sensors
 
-QUIET = LightConfig(sensors=Sensors(Encoder(0.01, age=0.01)), actuators=DART_ACTUATORS)
+NOISELESS = LightConfig(sensors=Sensors(Encoder(0.01, age=0.01)), actuators=DART_ACTUATORS)
 PERIODS = 40
 
 
@@ -41,7 +41,7 @@ def same_start(usual, env):
     {}, {"beams": 12, "opponents": 2, "range_noise": 0.0}, {"task": "speed"}],
     ids=["path", "lidar", "speed"])
 def test_an_episode_is_that_of_gymnasium(doubles, changes):
-    config = GymConfig(light=QUIET, **changes)
+    config = GymConfig(light=NOISELESS, **changes)
     usual = DartCarEnv(config)
     env = DartCar(config)
     assert env.names == usual.names
@@ -50,10 +50,10 @@ def test_an_episode_is_that_of_gymnasium(doubles, changes):
     step = jax.jit(env.step)
     for k in range(PERIODS):
         action = np.array([0.3, 0.5 if k > 20 else -0.1])
-        seen, reward, terminated, truncated, info = usual.step(action)
+        observed, reward, terminated, truncated, info = usual.step(action)
         out = step(state, jnp.asarray(action))
         state = out.state
-        assert np.asarray(out.observation) == pytest.approx(seen, abs=1e-6)
+        assert np.asarray(out.observation) == pytest.approx(observed, abs=1e-6)
         assert float(out.reward) == pytest.approx(reward, abs=1e-9)
         assert (bool(out.terminated), bool(out.truncated)) == (terminated, truncated)
         for name in set(out.info) & set(info):

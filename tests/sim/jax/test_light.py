@@ -31,7 +31,7 @@ ROUGH = LightConfig(sensors=Sensors(Encoder(0.02, window=0.05, metres_per_count=
                                     Inertial(0.03, quantum=1e-3), Inertial(0.01, age=0.013),
                                     Mocap(0.03, age=0.025)), actuators=DART_ACTUATORS)
 COUNTED = LightConfig(sensors=Sensors(RECORDED.encoder, Inertial(0.1, quantum=1e-3)))
-PLAIN = LightConfig()
+AS_DEFAULT = LightConfig()
 
 
 @pytest.fixture
@@ -97,9 +97,9 @@ def test_actuators_and_sensors_are_those_of_floats(doubles, p, config):
 
 @pytest.mark.slow
 def test_single_precision_is_within_1e_5(doubles):
-    expected, _ = drive_both(UPSTREAM_2024, PLAIN)
+    expected, _ = drive_both(UPSTREAM_2024, AS_DEFAULT)
     jax.config.update("jax_enable_x64", False)
-    _, found = drive_both(UPSTREAM_2024, PLAIN)
+    _, found = drive_both(UPSTREAM_2024, AS_DEFAULT)
     assert found.dtype == np.float32
     assert np.abs(found[:, :8] - expected[:, :8]).max() < 1e-5
 
