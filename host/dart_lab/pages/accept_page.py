@@ -70,9 +70,11 @@ class AcceptanceReport:
 
     def first_step(self) -> str:
         """Return what to do first: repeat a step that failed, look at a value, or drive."""
+        # A failed step comes first: later values may depend on it.
         for outcome in self.outcomes:
             if outcome.status == "failed":
                 return outcome.remedy or f"repeat {outcome.step.title}: {outcome.reason}"
+        # All steps were done: the first value that differs from the emulated car's.
         for outcome in self.outcomes:
             for title, measured, predicted, remark in self.rows(outcome):
                 if remark == DIFFERS:

@@ -54,6 +54,7 @@ def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, s
 
 def _first_step(checks: Sequence[RecordingCheck]) -> str:
     """Return what to do first: look at a serious finding, or use the recordings."""
+    # A serious finding may make every fit wrong.
     serious = [(c, finding) for c in checks for finding in c.findings if finding.serious]
     if serious:
         c, finding = serious[0]

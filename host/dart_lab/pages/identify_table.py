@@ -67,6 +67,7 @@ def _describe_residuals(outcome: Identification) -> str:
 def _first_step(outcome: Identification) -> str:
     """Return what to do first: about an unsound fit, an unknown parameter, or a test."""
     fits = _list_fits(outcome)
+    # An unsound fit comes first: its parameters mean nothing.
     for name, fit in fits.items():
         if why := why_unsound(fit):
             return f"drive and record again for {name}: {why}"
@@ -158,6 +159,7 @@ def list_residuals(outcome: Identification) -> list[dict[str, str]]:
 
 def _merge_joint_fits(outcome: Identification) -> dict[str, SubmodelFit]:
     """Return the fits by name; a joint fit of several sub-models is one."""
+    # The sub-models of a joint fit share its residual and its end.
     fits = dict(outcome.fits)
     if outcome.joint is None or not fits:
         return fits

@@ -293,6 +293,7 @@ def describe_validation(result: StageResult) -> str:
     """Return the errors of start model and fitted model: "speed 0.3 -> 0.1 m/s"; "" without."""
     if result.facts is None:
         return ""
+    # The stage without a fit on held-out recordings has no facts. A label is "speed [m/s]".
     pooled = result.facts["pooled"]
     parts = [f"{label.partition(' [')[0]} {significant(pooled['start'][channel])} -> "
              f"{significant(pooled['fitted'][channel])} {label.partition(' [')[2][:-1]}"
