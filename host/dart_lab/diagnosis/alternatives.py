@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import apply, catalogue
 
 from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FinalFit
@@ -28,6 +28,9 @@ from .search.fit import Point
 from .search.forward import ForwardSearch
 from .search.scan import scan
 
+# Relative standard errors of sizes that are not weighed or measured, by the effect that changes
+# them: a car with another battery, and a mass that is distributed otherwise.
+SIZE_ERRORS = {"mass": ("body.mass", 0.02), "yaw_inertia": ("body.yaw_inertia", 0.06)}
 MAX_ALTERNATIVES = 6  # fitted models; each costs about as much as one round of the search
 
 
@@ -67,6 +70,32 @@ def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search:
     between = np.stack(moves)
     covariance = final.covariance + between.T @ between / (len(moves) + 1)
     point = final.point
+    stds = point.space.standard_errors(point.x, covariance)
+    return replace(final, covariance=covariance, stds={**final.stds, **stds})
+
+
+def include_sizes(final: FinalFit, evidence: Evidence, known: Mapping[str, float]) -> FinalFit:
+    """Return the fit with standard errors that include those of mass and yaw inertia.
+
+    Forces are only known as well as the mass, and tyres as well as the inertia. A size with a
+    standard error of its own (``known``) is a parameter of the fit, and one that an accepted effect
+    changes is measured.
+    """
+    point = final.point
+    has = {a.name for a in point.vehicle.effects}
+    columns = []
+    residual = point.noise.stack(evidence.residuals(point.vehicle, point.timing))[0]
+    for effect, (size, error) in SIZE_ERRORS.items():
+        if size in known or effect in has:
+            continue
+        changed = apply(point.vehicle, effect, k=error)
+        columns.append(point.noise.stack(evidence.residuals(changed, point.timing))[0] - residual)
+    if not columns:
+        return final
+    # A change of the residuals moves the minimum by -H^-1 A^T Omega times it.
+    weighted = point.jacobian * point.irls_weight[:, None]
+    moves = np.linalg.solve(point.normal, weighted.T @ np.stack(columns, axis=1))
+    covariance = final.covariance + moves @ moves.T
     stds = point.space.standard_errors(point.x, covariance)
     return replace(final, covariance=covariance, stds={**final.stds, **stds})
 

@@ -19,7 +19,7 @@ from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.report.numbers import describe_change
 
-from .alternatives import include_alternatives, list_exchanges
+from .alternatives import include_alternatives, include_sizes, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.space import MessageTiming
@@ -57,6 +57,7 @@ from .search.fit import FittedModel, Point, covariance
 from .search.forward import SearchResult, select_noise
 from .search.selection import AcceptedEffect, label_point_rows
 from .search.significance import refit_p_value
+from .servo import TYRE_CAUTION, describe_servo, fit_servo
 from .spurious import find_spurious
 from .unexplained.outliers import find_outliers
 from .unexplained.structure import find_structure
@@ -119,7 +120,10 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     fits = make_equal_fits(q.search, q.train, found.base.noise, partial(vehicle_for_log, q),
                            q.settings.jobs,
                            MANY_RECORDINGS if q.refit else sys.maxsize)
-    finals = make_final_fits(fits, points, lambda point: covariance(
+    complete = points
+    if q.refit:
+        complete = tuple(fit_servo(q.search, q.train.evidence, p, q.settings.jobs) for p in points)
+    finals = make_final_fits(fits, complete, lambda point: covariance(
         point, label_point_rows(q.train.evidence, point).unit))
     final = finals[-1]
     # 4.
@@ -138,7 +142,9 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                                [one.effect for one in possible])
     # Other models are fitted to the data of the final fit. Unless that is a fit of the search, they
     # are those of the fits with equal weights, which have no sensors.
-    fitted_to = q.train.evidence if final.point is last else fits.evidence
+    fitted_to = q.train.evidence if final.point is complete[-1] else fits.evidence
+    if q.refit:
+        final = include_sizes(final, fitted_to, q.settings.known)
     final = include_alternatives(final, exchanges, q.search, fitted_to, policy.scan)
     causes = tuple(_make_cause(q, one, last, final, accepted, gains[one.effect])
                    for one in distinguished)
@@ -148,7 +154,8 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                           given_vehicles_for_logs(q, found.given, predictor))
     fitted = _predict_with(q, losses, final, predictor(final))
     gain = measure_overall_gain(given, fitted, q.train, q.test, q.settings.seed)
-    notes = (*list_cautions(last, (q.train, q.test), changes, gain, causes, policy),
+    servo_caution = (TYRE_CAUTION,) if complete[-1] is not last else ()
+    notes = (*servo_caution, *list_cautions(last, (q.train, q.test), changes, gain, causes, policy),
              *describe_frame(final.vehicle, q.frame))
     # 5.
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, policy.noise)
@@ -164,7 +171,8 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         unexplained=structure, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, late_commands=late,
         gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
-        mounting=describe_imu_mounting(mounting, q.train.evidence),
+        mounting={**describe_imu_mounting(mounting, q.train.evidence),
+                  **describe_servo(final, last)},
         predictor=find_predictor(fits, q.train, q.test, last) if q.predictor else None,
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})

@@ -18,6 +18,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .frames import FRAME_EFFECTS
 from .result import Diagnosis
+from .servo import TYRE_CAUTION
 
 
 def write_model(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recording],
@@ -45,8 +46,10 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     fitted = bool(d.causes or d.refitted)
     stds = {name: m.std for name, m in d.refitted.items()}
     stds |= {f"{c.effect}.{k}": n.std for c in d.causes for k, n in c.parameters.items()}
+    stds |= {f"{e}.{k}": n.std for e, numbers in d.mounting.items() for k, n in numbers.items()}
     provenance = {"method": "diagnosis", "verdict": d.verdict,
-                  "causes": [c.effect for c in d.causes]}
+                  "causes": [c.effect for c in d.causes],
+                  **({"caution": TYRE_CAUTION} if TYRE_CAUTION in d.notes else {})}
     return _model(d, d.extended, base, "extended" if fitted else "", stds,
                   _provenance(d, base, train if fitted else (), command, provenance))
 

@@ -102,19 +102,31 @@ def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
         (I - H_bb)^-1 r = r + U (1 / (1 - S^2) - 1) U' r
     """
     k = s.jacobian.shape[1]
-    labels = np.unique(block)
-    if len(labels) < 2:
+    if len(np.unique(block)) < 2:
         return np.full((k, k), np.inf)
+    jac = s.jacobian * np.sqrt(s.weight)[:, None]
+    inverse = scaled_inverse(jac.T @ jac)
+    meat = leverage_scores(s, block, inverse)
+    return _infinite_where_undetermined(np.asarray(inverse @ meat @ inverse), s)
+
+
+def leverage_scores(s: Solution, block: IntArray, inverse: FloatArray) -> FloatArray:
+    """Compute the sum (k, k) of g_b g_b' of ``leverage_covariance``, with its factor.
+
+    inverse (k, k): of the normal matrix, which may contain a prior.
+    """
+    k = s.jacobian.shape[1]
+    labels, index = np.unique(block, return_inverse=True)
     root = np.sqrt(s.weight)
     jac = s.jacobian * root[:, None]
     residual = s.residual * root
-    inverse = scaled_inverse(jac.T @ jac)
+    order = np.argsort(index, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
     # A square root of (J'J)^-1: half half' is the inverse. Another root would only turn V'.
     value, vector = np.linalg.eigh(inverse)
     half = vector * np.sqrt(np.maximum(value, 0.0))
     meat = np.zeros((k, k))
-    for label in labels:
-        rows = block == label
+    for rows in parts:
         # H_bb = U S^2 U'. The leverages S^2 are between 0 and 1.
         u, size, _ = np.linalg.svd(jac[rows] @ half, full_matrices=False)
         share = np.maximum(1.0 - size**2, MIN_RESIDUAL_SHARE)
@@ -122,8 +134,7 @@ def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
         score = jac[rows].T @ corrected
         meat += np.outer(score, score)
     # Factor of the jackknife.
-    factor = (len(labels) - 1) / len(labels)
-    return _infinite_where_undetermined(np.asarray(factor * inverse @ meat @ inverse), s)
+    return np.asarray((len(labels) - 1) / len(labels) * meat)
 
 
 def split_into_blocks(t: FloatArray, group: IntArray, length: float) -> IntArray:

@@ -11,7 +11,8 @@ Around a point, with Jacobian A (N, k) and Omega = diag(w_i / sqrt(1 + (r_i / c)
     H = A^T Omega A + diag(p)                              normal matrix, "normal"
     d = -H^-1 (A^T Omega r + diag(p) x)                    step, within the bounds
     P v = v - A H^-1 A^T Omega v                           projection: v orthogonal to A
-    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = gradient of block b
+    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = gradient of block b in
+                                                           a fit without it; at least H^-1
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ import numpy as np
 
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
+from dart_hal.vehicle.fitting.covariance import enclosing_covariance, leverage_scores
+from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.fitting.levenberg_marquardt import (
     JACOBIAN_TOLERANCE,
     descend,
@@ -249,14 +252,19 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, max_
 
 
 def covariance(point: Point, block: IntArray) -> FloatArray:
-    """Covariance (k, k) of a fitted point: sandwich over blocks (N,) of rows, with the prior."""
-    bread = np.linalg.inv(point.normal)
-    scores = point.block_gradients(block)
-    sandwich = bread @ (scores.T @ scores + np.diag(point.space.prior_weight)) @ bread
-    # With few blocks the sandwich can be singular along a direction. The variance is therefore at
-    # least half of that of independent residuals.
-    return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
-                      + sandwich * (1.0 - np.eye(len(bread))))
+    """Covariance (k, k) of a fitted point: sandwich over blocks (N,) of rows, with the prior.
+
+    A fit of k parameters to few blocks makes the gradient of each block smaller than at the true
+    parameters, so each is that of a fit without the block (``leverage_covariance``). The result is
+    at least the covariance of independent residuals, in every direction: with few blocks the
+    sandwich can be singular along one.
+    """
+    bread = np.asarray(np.linalg.inv(point.normal), dtype=np.float64)
+    data = Solution(point.x, point.residual, point.jacobian, point.irls_weight, True,
+                    np.zeros(len(point.x), dtype=np.bool_))
+    scores = leverage_scores(data, block, bread)
+    meat = scores + np.diag(point.space.prior_weight)
+    return enclosing_covariance(bread, bread @ meat @ bread)
 
 
 def _residual(evidence: Evidence, noise: Noise, space: Space,
