@@ -3,9 +3,10 @@
 Each plans by contouring control and stands before the line that the order of the cars gives it.
 They tell each other over the room of the fleet; nobody is in charge.
 
-    python examples/use_cases/crossing.py [picture.png [animation.gif]]
+    python examples/use_cases/crossing.py [picture.png [animation.gif]] [--plans]
 
 The layout may be another: DART_HAL_CROSSING=roundabout. On real cars: change URLS and ROOM.
+--plans: no order; each car keeps its distance from the plans that the others share.
 """
 
 import os
@@ -31,7 +32,9 @@ from dart_hal import (
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
-from dart_hal.control.crossing.order import CrossingPhase
+from dart_hal.control.crossing.plan_crosser import PlanCrosser
+from dart_hal.control.shared_plans.planner import PlanSharer
+from dart_hal.control.shared_plans.space import PlanSpace
 
 ROOM = os.environ.get("DART_HAL_ROOM", "local://crossing?loss=0.5&delay=0.02&jitter=0.03&seed=1")
 LAYOUT = os.environ.get("DART_HAL_CROSSING", "intersection")
@@ -75,6 +78,15 @@ def crossers(fleet, layout):
     return all_
 
 
+def plan_crossers(fleet, layout):
+    """The same cars, which share their plans."""
+    space = PlanSpace([[layout.routes[layout.number(route)].path] for route, _ in ROUTES])
+    return [PlanCrosser(PlanSharer(space, k, s, member.peers.boot or 1, car.now), layout, route,
+                        plant_of(car.files))
+            for k, (car, member, (route, s)) in enumerate(
+                zip(fleet.cars, fleet.members, ROUTES, strict=True))]
+
+
 def free(k, crosser, motions, lanes):
     """m to the middle of the next car in the same lane, here by its pose; else by the lidar."""
     ways = []
@@ -91,7 +103,7 @@ def middle(pose):
     return pose.x + AXLE * cos(pose.yaw), pose.y + AXLE * sin(pose.yaw)
 
 
-def drive(layout, world="crossing"):
+def drive(layout, world="crossing", make=crossers):
     """Rows (t, x, y, yaw of each car, name of what it waits for), and the crossers."""
     lanes = [layout.routes[layout.number(route)].lane for route, _ in ROUTES]
     rows = []
@@ -99,7 +111,7 @@ def drive(layout, world="crossing"):
         files(folder)
         urls = [url(layout, *start, world) for start in ROUTES]
         with Fleet.open(urls, cars=folder, room=ROOM) as fleet:
-            minds = crossers(fleet, layout)
+            minds = make(fleet, layout)
             fleet.arm()
             for states in fleet.states(duration=LASTS):
                 motions = [state.estimate.predict(car.now)
@@ -115,8 +127,8 @@ def drive(layout, world="crossing"):
                         car.log("crossing", mind.log_values)
                     car.drive_speed(steering=steering, speed=speed)
                 rows.append((motions[0].t, [(*middle(m.pose), m.pose.yaw) for m in motions],
-                             [str(mind.last.wait) for mind in minds]))
-                if all(mind.coordinator.phase is CrossingPhase.DONE for mind in minds):
+                             [str(mind.wait) for mind in minds]))
+                if all(mind.is_done for mind in minds):
                     break
             return rows, minds, fleet.contacts
 
@@ -135,7 +147,7 @@ def floor(axes, layout, minds):
     for route in layout.routes:
         axes.plot(route.path.x, route.path.y, color="0.85", lw=7, solid_capstyle="round", zorder=0)
     for mind, colour in zip(minds, COLOURS, strict=True):
-        entry = mind.path.interpolate(layout.entry[mind.coordinator.route])
+        entry = mind.path.interpolate(layout.entry[mind.route])
         c, s = 0.2 * cos(entry.heading), 0.2 * sin(entry.heading)
         axes.plot([entry.x - s, entry.x + s], [entry.y + c, entry.y - c], color=colour, lw=1.5)
     axes.set_aspect("equal")
@@ -150,6 +162,13 @@ def body(axes, x, y, yaw, colour, alpha=1.0):
                       rotation_point="center", color=colour, alpha=alpha, lw=0)
     axes.add_patch(patch)
     return patch
+
+
+def label(mind, t0):
+    """The stamp of an order, or how often a car changed its plan."""
+    if isinstance(mind, PlanCrosser):
+        return f"{mind.sharer.counts['ADOPTED']} plans"
+    return f"stamp {mind.coordinator.car.ts * 1e-6 - t0:.2f} s"
 
 
 def draw(layout, rows, minds, file):
@@ -169,14 +188,14 @@ def draw(layout, rows, minds, file):
             body(left, *at[i, k], colour, 0.3 + 0.6 * i / len(rows))
         s = np.array([mind.path.s[np.argmin(np.hypot(mind.path.x - x, mind.path.y - y))]
                       for x, y in at[::10, k, :2]])
-        route = layout.routes[mind.coordinator.route].name
-        right.plot(t[::10] - t0, s - layout.entry[mind.coordinator.route], color=colour,
-                   label=f"{route}, stamp {mind.coordinator.car.ts * 1e-6 - t0:.2f} s")
-        waits = np.array([row[2][k] not in ("GOING",) for row in rows[::10]])
-        right.plot((t[::10] - t0)[waits], (s - layout.entry[mind.coordinator.route])[waits], ".",
+        route = layout.routes[mind.route].name
+        right.plot(t[::10] - t0, s - layout.entry[mind.route], color=colour,
+                   label=f"{route}, {label(mind, t0)}")
+        waits = np.array([row[2][k] not in ("GOING", "DONE") for row in rows[::10]])
+        right.plot((t[::10] - t0)[waits], (s - layout.entry[mind.route])[waits], ".",
                    color=colour, ms=7)
-    right.axhspan(0.0, layout.exit[minds[0].coordinator.route]
-                  - layout.entry[minds[0].coordinator.route], color="0.92", zorder=0)
+    right.axhspan(0.0, layout.exit[minds[0].route]
+                  - layout.entry[minds[0].route], color="0.92", zorder=0)
     right.set(xlabel="t [s]", ylabel="middle of the car beyond its line [m]")
     right.set_title("dots: it waits, behind the line of a car before it or for its grant",
                     loc="left", fontsize=9)
@@ -204,7 +223,7 @@ def animate(layout, rows, minds, file, every=10, fps=10):
         t, at, waits = rows[i * every]
         for (x, y, yaw), wait, colour in zip(at, waits, COLOURS, strict=True):
             drawn.append(body(axes, x, y, yaw, colour))
-            if wait != "GOING":
+            if wait not in ("GOING", "DONE"):
                 drawn.append(axes.text(x + 0.2, y + 0.15, wait, fontsize=6, color=colour))
         axes.set_title(f"{t - rows[0][0]:.1f} s", loc="left", fontsize=9)
         return drawn
@@ -212,16 +231,16 @@ def animate(layout, rows, minds, file, every=10, fps=10):
     FuncAnimation(figure, frame, frames=len(rows) // every).save(file, PillowWriter(fps), dpi=60)
 
 
-def main(picture=None, animation=None):
+def main(picture=None, animation=None, make=crossers):
     """(least distance [m], s for all), and the crossers."""
     layout = LAYOUTS[LAYOUT]()
-    rows, minds, contacts = drive(layout)
+    rows, minds, contacts = drive(layout, make=make)
     least, seconds = figures(rows)
-    for mind in minds:
-        named = [f"{t - minds[0].coordinator.events[0][0]:.1f} s {wait} {who}".strip()
-                 for t, wait, who in mind.coordinator.events]
-        print(f"{mind.coordinator.names[mind.coordinator.car.id]}: {'; '.join(named)}")
-    across = sum(mind.coordinator.phase is CrossingPhase.DONE for mind in minds)
+    for mind, (route, _) in zip(minds, ROUTES, strict=True):
+        named = [f"{t - minds[0].events[0][0]:.1f} s {' '.join(map(str, why))}".strip()
+                 for t, *why in mind.events]
+        print(f"{route}: {'; '.join(named)}{mind.why and ', ended: '}{mind.why}")
+    across = sum(mind.is_done for mind in minds)
     print(f"{across} of {len(minds)} across in {seconds:.1f} s, middles at least {least:.3f} m "
           f"apart, {len(contacts)} contacts")
     if picture:
@@ -232,4 +251,5 @@ def main(picture=None, animation=None):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    files_given = [argument for argument in sys.argv[1:] if argument != "--plans"]
+    main(*files_given, make=plan_crossers if "--plans" in sys.argv else crossers)

@@ -16,7 +16,7 @@ import dart_lab
 
 PUBLIC = ("dart_hal", "dart_lab")
 USE_CASES = tuple(f"dart_hal.control.{name}" for name in (
-    "crossing", "curvature_aware", "monitoring", "platoon"))
+    "crossing", "curvature_aware", "monitoring", "platoon", "shared_plans"))
 """Packages of one use case each, which its example alone imports."""
 EXTENDED = ("dart_hal.vehicle",)
 """What a package that adds an effect imports."""

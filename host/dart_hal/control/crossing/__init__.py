@@ -8,4 +8,5 @@ message      its message as bytes
 speed        how fast before a line
 coordinator  one car of a crossing: takes messages, requests, finds its stop line and the reason
 crosser      the same with contouring control: from messages and a pose to steering and speed
+plan_crosser the alternative without an order: cars share their plans (``control.shared_plans``)
 """

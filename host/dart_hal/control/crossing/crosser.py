@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait, StopLine
-from dart_hal.control.crossing.order import MessageVerdict
+from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
@@ -59,6 +59,26 @@ class Crosser:
     def s(self) -> float:
         """Arc length of the centre of the body [m]."""
         return self.tracker.s + self._centre_offset
+
+    @property
+    def route(self) -> int:
+        """Number of the route."""
+        return self.coordinator.route
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the car has passed the common ground."""
+        return self.coordinator.phase is CrossingPhase.DONE
+
+    @property
+    def wait(self) -> CrossingWait:
+        """Why the car is slower than its target speed."""
+        return self.last.wait
+
+    @property
+    def events(self) -> list[tuple[float, CrossingWait, str]]:
+        """Time, reason and car of each change of ``wait``."""
+        return self.coordinator.events
 
     @property
     def why(self) -> str:
