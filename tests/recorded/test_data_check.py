@@ -161,7 +161,8 @@ def test_mixed_schemas_and_what_was_skipped(cli, write, table_a, table_b, tmp_pa
     assert code == 0
     assert out["summary"]["schemas"] == {"A": 1, "B": 1}
     assert [s["path"] for s in out["skipped"]] == [str(tmp_path / "odd.csv")]
-    assert "not a DART recording" in errors
+    assert "1 file skipped" in errors
+    assert "not a DART recording" in out["skipped"][0]["reason"]
 
 
 def test_json_has_one_shape_for_every_schema(cli, excerpt):

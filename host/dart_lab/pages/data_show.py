@@ -32,16 +32,20 @@ MAX_NAME_COLUMNS = 44
 def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, str]],
                 whole: CheckSummary, full: bool) -> None:
     """Print verdict, uses and first step in three lines, then a block for each of a few files or a
-    table of many. Skipped files and differences are counted unless ``full``.
+    table of many. Skipped files are counted unless ``full``.
     """
     usable = sum(bool(c.good_for) for c in checks)
     kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
     uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
     verb = "is" if usable == 1 else "are"
+    left = f"; {len(skipped)} file{'s' * (len(skipped) != 1)} skipped" if skipped else ""
     print_verdict(f"{usable} of {whole.files} recordings {verb} good for a fit or an evaluation, "
                   f"{significant(whole.duration)} s in total.",
-                  f"good for: {uses}; {whole.windows} evaluation windows of 1 s; {kinds}",
+                  f"good for: {uses}; {whole.windows} evaluation windows of 1 s; {kinds}{left}",
                   _first_step(checks), "bold" if usable else "bold red")
+    # Recordings that differ, of two cars for example, spoil every fit of all of them.
+    for note in whole.notes:
+        print_line(f"caution: {note}", "yellow")
     if full or len(checks) <= MAX_DETAILED_FILES:
         for c in checks:
             _print_block(c)
@@ -49,7 +53,7 @@ def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, s
         results.print(_make_table(checks))
         _print_serious(checks)
         _print_counts(checks)
-    count_notices((*(f"skipped {path}: {reason}" for path, reason in skipped), *whole.notes), full)
+    count_notices(tuple(f"skipped {path}: {reason}" for path, reason in skipped), full)
 
 
 def _first_step(checks: Sequence[RecordingCheck]) -> str:
