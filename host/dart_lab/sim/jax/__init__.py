@@ -1,4 +1,4 @@
-"""The light simulation on JAX: pure functions for ``jit``, ``vmap`` and ``grad``, on CPU or GPU.
+"""The light simulation on JAX: pure functions for ``jit``, ``vmap`` and ``grad``.
 
 The equations, actuators, sensors and tasks are those of ``dart_hal.vehicle`` and of the light
 simulation with its environment; this package gives them arrays of JAX and a state that is passed
