@@ -9,7 +9,7 @@ from dart_lab.diagnosis import conclude
 
 # A car with much play (1.9 degrees), that was never calibrated.
 LOOSE_CAR = "sim://?nano=mock&mocap=1&seed=43"
-SEED = 43
+REFIT_SEED = 43
 
 
 @pytest.mark.slow
@@ -23,7 +23,7 @@ def test_steering_of_a_car_with_play_is_inside_its_intervals(verb, tmp_path, mon
     cars = tmp_path / "cars"
     assert verb("experiment", "steps", "--url", LOOSE_CAR, "--no-fit", "--out", run, "--cars",
                 cars).code == 0
-    model = cars / f"sim-{SEED}" / "model.toml"
+    model = cars / f"sim-{REFIT_SEED}" / "model.toml"
     model.parent.mkdir(parents=True, exist_ok=True)
     assert verb("diagnose", "--train", run, "--only", "gyro_latency", "--out", model).code == 0
     assert load_model(model).provenance["causes"] == []
