@@ -64,14 +64,14 @@ def command(car_name: str, cars: Path | None, html: Path, runs: tuple[Path, ...]
         datetime.now(timezone.utc))
     answer = car_report.to_json(html)
     write_page(car_report, html, answer)
+    show_notices(skipped)
     if as_json:
-        show_notices(skipped)
         print_json(answer)
         return
     verdict, driven = car_report.describe()
     to_do = car_report.to_do()
     print_verdict(verdict, driven, to_do[0] if to_do else "")
-    count_notices((*skipped, *to_do[1:]), full)
+    count_notices(tuple(to_do[1:]), full)
     console.print(f"report: {html}", markup=False, highlight=False)
 
 
