@@ -1,11 +1,12 @@
 """Suggest the drive that measures a claimed parameter better, by Fisher information.
 
-    C_0 = diag(std^2) of the data at hand,            I_d = A_d^T Omega_d A_d of a simulated drive
+    C_0 = diag(std^2) of the data at hand,            I_d = A_d^T Omega_d A_d / r of a drive
     sigma(q) = sqrt(g^T (C_0^-1 + I_d)^-1 g),         g = dq/dx of the quantity that is claimed
 
 A_d: Jacobian of the whitened residuals of the drive with the final model, as in a diagnosis of it
-(``search.fit``). Correlations between two groups are part of I_d: a drive with equal changes by
-both improves neither.
+(``search.fit``). r: median ratio of the variances of the data at hand to those of independent
+residuals; the residuals of a further drive will be as dependent. Correlations between two groups
+are part of I_d: a drive with equal changes by both improves neither.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ import numpy as np
 
 from dart_hal.core.config import ModelFile
 from dart_hal.core.types import FloatArray
+from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.experiment.floor import Floor
 
+from ..alternatives import SIZE_ERRORS
+from ..evidence.residuals import Evidence
 from ..evidence.space import MessageTiming, Space
 from ..parameters.groups import list_quantities
 from ..policy import USUAL, Policy
@@ -105,13 +109,18 @@ class ParameterInformation:
     def __init__(self, diagnosis: Diagnosis, policy: Policy) -> None:
         car = diagnosis.extended
         evidence = diagnosis.evidence
-        moved = {name: m for name, m in diagnosis.refitted.items() if math.isfinite(m.std)}
+        stds = {name: m.std for name, m in diagnosis.refitted.items() if math.isfinite(m.std)}
+        # No drive tells mass from force: sizes that are not measured keep their errors.
+        stds |= {size: error * value(car, size) for effect, (size, error) in SIZE_ERRORS.items()
+                 if size not in stds and effect not in {a.name for a in car.effects}}
         self._car = car
         self._policy = policy
-        self._space = Space(car, tuple(moved), {n: m.std for n, m in moved.items()}, 0.0,
-                            policy.prior)
+        self._space = Space(car, tuple(stds), stds, 0.0, policy.prior)
         self.setting: Setting = make_setting(evidence, car, car, MessageTiming(),
                                         evidence.drives[0].grid.reference, policy)
+        # The variances of the data at hand are 1, by the choice of coordinates.
+        independent = np.diag(np.linalg.pinv(self._information(evidence, MessageTiming())))
+        self._ratio = max(1.0, float(np.median(1.0 / independent[independent > 0.0])))
 
     def covariance(self, drive: RehearsedDrive) -> FloatArray | None:
         """Covariance (k, k) of the coordinates with the drive; None if the drive has no data."""
@@ -124,12 +133,15 @@ class ParameterInformation:
             evidence = self.setting.make_evidence([run])
             if not len(evidence.drives) or not len(evidence.motion_drive):
                 continue
-            point = evaluate_point(evidence, self.setting.noise, self._space,
-                                   self._space.point(LOG_TIMING))
-            weighted = point.jacobian * point.irls_weight[:, None]
-            normal = normal + weighted.T @ point.jacobian
+            normal = normal + self._information(evidence, LOG_TIMING) / self._ratio
             has_motion = True
         return np.asarray(np.linalg.inv(normal)) if has_motion else None
+
+    def _information(self, evidence: Evidence, timing: MessageTiming) -> FloatArray:
+        """Fisher information (k, k) of recordings whose residuals are independent."""
+        point = evaluate_point(evidence, self.setting.noise, self._space, self._space.point(timing))
+        weighted = point.jacobian * point.irls_weight[:, None]
+        return np.asarray(weighted.T @ point.jacobian)
 
     def gradients(self, claim: Claim) -> dict[str, FloatArray]:
         """Gradient (k,) of each quantity of a claim with respect to the coordinates."""

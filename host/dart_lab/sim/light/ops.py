@@ -32,6 +32,10 @@ class Ops:
     either: Callable[[Any, Any], Any]
     arrays: Any = np
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Ops:
+        """Return the operations themselves: a module has no copy."""
+        return self
+
 
 def _choose(condition: Any, yes: Value, no: Value) -> Value:
     return yes if condition else no
