@@ -43,8 +43,13 @@ def show(outcome: Identification, assumption: str = "", full: bool = False) -> N
         why = why_unsound(fit)
         if why:
             print_line(f"caution: {name}: {why}", "yellow")
-    count_notices(tuple(f"{', '.join(names)}: {note}"
-                        for note, names in group_notes(outcome).items()), full)
+    # A note on all of a joint fit, as that on the sizes of car.toml, is a result of it.
+    notes = group_notes(outcome)
+    joint = [note for note, names in notes.items() if len(names) == len(outcome.fits) > 1]
+    for note in joint:
+        print_line(note)
+    count_notices(tuple(f"{', '.join(names)}: {note}" for note, names in notes.items()
+                        if note not in joint), full)
 
 
 def _headline(outcome: Identification) -> str:
