@@ -162,6 +162,14 @@ class Path:
 
     at = RenamedMethod("interpolate")
 
+    def nearest(self, x: float, y: float) -> float:
+        """Return the arc length [m] of the stored point that is nearest to x, y [m].
+
+        >>> figure_of_eight(0.75).nearest(0.0, 0.0)
+        0.0
+        """
+        return float(self.s[np.argmin(np.hypot(self.x - x, self.y - y))])
+
     @accept_old_keyword("near", "s_guess")
     def closest(self, x: float, y: float, s_guess: float) -> float:
         """Return the arc length of the closest point, searched around ``s_guess`` [m]."""

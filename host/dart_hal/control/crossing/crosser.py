@@ -96,8 +96,7 @@ class Crosser:
         t = motion.t
         pose = motion.pose
         if not self._has_begun:
-            k = float(np.argmin(np.hypot(self.path.x - pose.x, self.path.y - pose.y)))
-            self.tracker.begin(k * self.path.spacing)
+            self.tracker.begin(self.path.nearest(pose.x, pose.y))
             self._has_begun = True
         if motion.tracking is Tracking.TRACKING:
             self._located_t = t

@@ -19,18 +19,19 @@ from dart_hal.control.shared_plans.timed_plan import LEVEL_SPEED, MAX_LEVEL, TIM
 from dart_hal.control.trackers import contouring
 from dart_hal.core.types import FloatArray, MotionEstimate, TextEnum, Tracking
 
-# Period of the messages [s].
+# Period of the messages [s]: a quarter of an answer's 0.2 s, five control steps.
 PLAN_MESSAGE_PERIOD = 0.05
 # Time from the speed of the plan to that of the wheels [s], and speed per distance to the plan
-# [1/s].
+# [1/s]: with both a car is at most 7.1 cm from its plan (docs/results/distributed_plans.md).
 SPEED_DELAY = 0.15
 PROGRESS_GAIN = 2.0
-# Target speed up to which a car at rest stays there [m/s], and correction at most [m/s].
+# Target speed up to which a car at rest stays there [m/s]: it does not roll slower. Correction at
+# most [m/s]: that of a deviation of 0.15 m, below the limit of the drive.
 MIN_PLAN_SPEED = 0.05
 MAX_CORRECTION = 0.3
 # Distance from the plan at which the drive ends [m]: the others no longer know where the car is.
 MAX_DEVIATION = 0.2
-# Points of a shared plan for the picture.
+# Points of a shared plan, one each 0.1 s.
 POINTS = 32
 
 
@@ -89,8 +90,7 @@ class PlanCrosser:
         t = motion.t
         if not self._has_begun:
             pose = motion.pose
-            k = float(np.argmin(np.hypot(self.path.x - pose.x, self.path.y - pose.y)))
-            self.tracker.begin(k * self.path.spacing)
+            self.tracker.begin(self.path.nearest(pose.x, pose.y))
             self._has_begun = True
         self._t = t
         if motion.tracking is Tracking.TRACKING:

@@ -76,7 +76,7 @@ class Disc:
 
         The path is continued straight beyond its ends.
         """
-        s_guess = float(path.s[np.argmin(np.hypot(path.x - self.x, path.y - self.y))])
+        s_guess = path.nearest(self.x, self.y)
         s = path.closest(self.x, self.y, s_guess)
         spot = path.interpolate(s)
         s += cos(spot.heading) * (self.x - spot.x) + sin(spot.heading) * (self.y - spot.y)
