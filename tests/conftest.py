@@ -35,7 +35,7 @@ CPU_PRESSURE = Path("/proc/pressure/cpu")
 """Linux: how long some task was ready and waited for a processor (the kernel's PSI)."""
 MAX_WAITING_SHARE = 0.5
 """Share of a test's time. Above it the computer was too busy to keep real time: two busy programs
-beside two slow tests on two cores give .85 to .99, one slow test at a time .01 to .25."""
+and two slow tests on two cores give .85 to .99, one slow test at a time .01 to .25."""
 
 TESTS = itertools.count()
 SHORT_NEUTRAL = 0.1

@@ -107,7 +107,7 @@ def fan(start: np.ndarray, goal: np.ndarray) -> np.ndarray:
 class Network(light.Network):
     """Delivers messages with their age."""
 
-    def arrived(self, k: int, j: int):
+    def list_arrived(self, k: int, j: int):
         """(bytes, age [s]) of what is due."""
         due = [(data, (k - sent) * STEP) for at, sent, data in self.waiting[j] if at <= k]
         self.waiting[j] = [w for w in self.waiting[j] if w[0] > k]
@@ -185,7 +185,7 @@ class Driven:
                 0.0, np.cumsum(self.levels[i, :-1] + self.levels[i, 1:]))
             self.t0[i], self.s0[i] = plan.t - clock, plan.s
 
-    def planned(self, t: float):
+    def motion_at(self, t: float):
         """Arc length, speed, acceleration of all plans at t [s]."""
         x = np.clip((t - self.t0) / TIME_STEP, 0.0, 78.0)
         k = x.astype(int)
@@ -203,8 +203,8 @@ class Driven:
         c, d = np.cos(self.yaw[i, k]), np.sin(self.yaw[i, k])
         dx, dy = x - self.x[i, k], y - self.y[i, k]
         self.s = k * self.spacing + np.clip(c * dx + d * dy, -0.05, 0.05)
-        plan_s, speed, _ = self.planned(t + 0.5 * LOOK_AHEAD)
-        plan_s = self.planned(t)[0]
+        plan_s, speed, _ = self.motion_at(t + 0.5 * LOOK_AHEAD)
+        plan_s = self.motion_at(t)[0]
         self.error = np.maximum(self.error, np.abs((self.s - plan_s, c * dy - d * dx)))
         noise = POSE_NOISE * self.rng.standard_normal((2, len(x)))
         x = x + self.along * c - self.across * d + noise[0]
@@ -219,7 +219,7 @@ class Driven:
         curvature = self.bend[i, near] + _arc(x, y, yaw, *target) - _arc(
             self.x[i, near], self.y[i, near], self.yaw[i, near], *target)
         steering = np.interp(np.arctan(P.body.wheelbase * curvature), *self.steering)
-        _, coming, acceleration = self.planned(t + LOOK_AHEAD)
+        _, coming, acceleration = self.motion_at(t + LOOK_AHEAD)
         target_speed = np.maximum(
             speed + PROGRESS_GAIN * (plan_s - self.s - self.along - noise[0]), 0.0)
         target_speed = np.where((coming == 0.0) & (plan_s - self.s < 0.02), 0.0, target_speed)
@@ -311,7 +311,7 @@ def drive(arrivals, loss: float, seconds: float = 40.0, make=PlanSharer, rows: b
 
 def decide(sharer: PlanSharer, network: Network, k: int, i: int, t: float) -> None:
     """One decision of a car at its time t [s]."""
-    for data, age in network.arrived(k, i):
+    for data, age in network.list_arrived(k, i):
         sharer.receive(data, t, age + network.rng.uniform(-AGE_ERROR, AGE_ERROR))
     sharer.step(t)
     network.send(k, i, sharer.next_message(t))

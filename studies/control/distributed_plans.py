@@ -46,7 +46,7 @@ def rest_anywhere(space: PlanSpace) -> PlanSpace:
 
 
 def arrivals(place: str, count: int, first: int):
-    """So many arrivals: crossing and merge half random, three tenths near, two tenths alike."""
+    """So many arrivals: crossing and merge half random, three tenths near, two tenths equal."""
     if place == "open":
         return [cars.open_arrival(first + k) for k in range(count)]
     return [cars.layout_arrival(place, first + k, kind) for k, kind in light.kinds(count)]
@@ -103,7 +103,7 @@ def picture(file: Path, first: int, loss: float) -> None:
         top.set_aspect("equal")
         top.set(xlabel="x [m]", ylabel="y [m]")
         top.set_title(f"{place}, {100 * loss:.0f} % of the messages lost: each half second, "
-                      f"centres at least {driven.least:.2f} m apart", loc="left", fontsize=8)
+                      f"centres at least {driven.least:.2f} m", loc="left", fontsize=8)
         below.set(xlabel="t [s]", ylabel="along its path [m]")
         below.grid(alpha=0.3)
     figure.savefig(file, dpi=90)

@@ -51,7 +51,7 @@ def scene(seed: int, *, car: bool = True, people: int = 1, speed: float = 1.0,
     rng = np.random.default_rng([seed, 31])
     n = len(own.t)
     other = _driven(own.room, speed, n, rng) if car else None
-    walks = [_walked(own.room, n, rng) for _ in range(people)]
+    walks = [_simulate_walk(own.room, n, rng) for _ in range(people)]
     velocity = np.zeros(n)
     if other is not None:
         velocity = np.hypot(*np.gradient(other[:, :2], DT, axis=0).T)
@@ -70,7 +70,7 @@ def _driven(room: RoomMap, speed: float, n: int, rng: np.random.Generator) -> Fl
     return np.column_stack([np.interp(at, index, column) for column in way[:, :3].T])
 
 
-def _walked(room: RoomMap, n: int, rng: np.random.Generator) -> FloatArray:
+def _simulate_walk(room: RoomMap, n: int, rng: np.random.Generator) -> FloatArray:
     """x, y [m], course [rad], distance [m] (n, 4) of a person."""
     speed = float(rng.uniform(0.4, 1.2))
     way = wander(room, speed, n * DT + 1.0, rng)[:n]

@@ -267,16 +267,16 @@ def drawn(group: str, n: int, first: int) -> list[Case]:
     return thinned(found, n)
 
 
-def choose(wanted: Sequence[Case], known: dict[str, Answer], checked: int, repeats: int
+def choose(sample: Sequence[Case], known: dict[str, Answer], checked: int, repeats: int
            ) -> list[tuple[Case, str, float]]:
     """What to repeat: where a change was noted, and in the first cases whether or not."""
     out = []
     for name in (n for n in list_thresholds() if not is_concluding(n)):
         followed = is_followed(name)
         for factor in FACTORS:
-            noted = [c for c in wanted if factor in known[c.key]["noted"][name]]
+            noted = [c for c in sample if factor in known[c.key]["noted"][name]]
             few = noted[::max(1, len(noted) // repeats)][:repeats] if noted else []
-            first = wanted[:: max(1, len(wanted) // checked)][:checked]
+            first = sample[:: max(1, len(sample) // checked)][:checked]
             also = [c for c in first if c not in few] if len(few) < checked or not followed else []
             out += [(c, name, factor) for c in (*few, *also)]
     return out
@@ -298,10 +298,10 @@ def same_numbers(one: Answer, other: Answer) -> bool:
     return essence(one) == essence(other) and numbers(one) == numbers(other)
 
 
-def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+def table(sample: Sequence[Case], known: dict[str, Answer]) -> str:
     """Return a Markdown page: a table of each kind of thresholds, with a row for each."""
     lines = ["# What half and double of a threshold do", "",
-             f"Figures of {date.today():%B %Y}: {len(wanted)} cases of the "
+             f"Figures of {date.today():%B %Y}: {len(sample)} cases of the "
              "[campaign](campaign.md), 60 s for training and 40 s for testing.", "",
              "```sh", "python -m studies.diagnosis.policy_sensitivity", "```", "",
              "| column | content |", "|---|---|",
@@ -311,26 +311,26 @@ def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
              "| numbers | those of them in which any number of the answer differs |",
              "| answer | those in which verdict, causes, parameters or structure differ |",
              "| right, wrong | change of the outcomes of those cases, at half and at double |", "",
-             summarise(wanted, known)]
+             summarise(sample, known)]
     for title, after in (("In the search", False), ("After the search", True)):
         lines += ["", f"## {title}",
                   "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
                   "|---|---:|---:|---:|---:|---:|---:|---:|",
-                  *(make_row(name, wanted, known) for name in list_thresholds()
+                  *(make_row(name, sample, known) for name in list_thresholds()
                     if is_concluding(name) == after)]
     return "\n".join(lines) + "\n"
 
 
-def repeated(name: str, wanted: Sequence[Case], known: dict[str, Answer]
+def repeated(name: str, sample: Sequence[Case], known: dict[str, Answer]
              ) -> list[tuple[Case, Answer, Answer]]:
     """(case, line as it is, line with half or double) of what was repeated."""
-    return [(c, known[c.key], known[key_of(c, name, f)]) for f in FACTORS for c in wanted
+    return [(c, known[c.key], known[key_of(c, name, f)]) for f in FACTORS for c in sample
             if key_of(c, name, f) in known]
 
 
-def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+def summarise(sample: Sequence[Case], known: dict[str, Answer]) -> str:
     """How many thresholds were repeated, change an outcome, or change no number."""
-    lines = {name: found for name in list_thresholds() if (found := repeated(name, wanted, known))}
+    lines = {name: found for name in list_thresholds() if (found := repeated(name, sample, known))}
     decisive = [name for name, found in lines.items()
                 if any(score(c, a).outcome != score(c, b).outcome for c, a, b in found)]
     idle = [name for name, found in lines.items() if all(same_numbers(a, b) for _, a, b in found)]
@@ -339,10 +339,10 @@ def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
             f"(columns *right* and *wrong*), {len(idle)} change no number (column *numbers*).")
 
 
-def make_row(name: str, wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+def make_row(name: str, sample: Sequence[Case], known: dict[str, Answer]) -> str:
     """The row of one threshold."""
-    acts = sum(bool(known[c.key]["noted"][name]) for c in wanted)
-    found = repeated(name, wanted, known)
+    acts = sum(bool(known[c.key]["noted"][name]) for c in sample)
+    found = repeated(name, sample, known)
     numbers = sum(not same_numbers(one, other) for _, one, other in found)
     answers = sum(essence(one) != essence(other) for _, one, other in found)
     changes = []
@@ -388,14 +388,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     o = p.parse_args(arguments)
     if o.real:
         return run_real(o)
-    wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
+    sample = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
     o.out.parent.mkdir(parents=True, exist_ok=True)
     known = done(o.out)
-    complete(known, [c for c in wanted if c.key not in known], o, examine_first)
-    changes = choose(wanted, known, o.checked, o.repeats) if o.repeats else []
+    complete(known, [c for c in sample if c.key not in known], o, examine_first)
+    changes = choose(sample, known, o.checked, o.repeats) if o.repeats else []
     complete(known, [x for x in changes if key_of(*x) not in known], o, examine)
-    o.table.write_text(table(wanted, known), encoding="utf-8")
-    print(f"{len(wanted)} cases: {o.table}")
+    o.table.write_text(table(sample, known), encoding="utf-8")
+    print(f"{len(sample)} cases: {o.table}")
     return 0
 
 

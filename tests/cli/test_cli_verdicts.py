@@ -84,7 +84,7 @@ def test_accept_begins_with_the_step_that_failed(verb):
 
 def test_report_begins_with_its_verdict(verb, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with Car.open(MOCK_3_URL, record=tmp_path / "runs" / "stands.mcap") as car:
+    with Car.open(MOCK_3_URL, record=tmp_path / "runs" / "at_rest.mcap") as car:
         for _ in car.states(duration=1.0):
             pass
     ran = verb("report", "--car", "sim-3")

@@ -1,4 +1,4 @@
-"""Cars that share their plans: no two committed plans come near, whatever messages are lost, and
+"""Cars that share their plans: no two committed plans come near, even if messages are lost, and
 without the acknowledgement they do."""
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def test_tf2_has_the_lidar_in_the_map_at_the_stamp_of_each_scan(world, tmp_path)
         with (tmp_path / "bridge.log").open("wb") as log:
             bridge = subprocess.Popen(verb, env=world.env, stdout=log, stderr=log)
             try:
-                node = world.start(Path(__file__).parent / "slam_node.py", tmp_path / "seen.json")
+                node = world.start(Path(__file__).parent / "slam_node.py", tmp_path / "scans.json")
                 until(partial(one_ended, bridge, node), 90.0)
             finally:
                 bridge.terminate()
@@ -102,7 +102,7 @@ def test_tf2_has_the_lidar_in_the_map_at_the_stamp_of_each_scan(world, tmp_path)
             break
         node.terminate()
     assert node.returncode == 0, output
-    result = json.loads((tmp_path / "seen.json").read_text())
+    result = json.loads((tmp_path / "scans.json").read_text())
     rows = result["rows"]
     x, y, yaw = room_of("room", 4).start
     print(result)

@@ -1,4 +1,4 @@
-"""One car that shares its plans: it proposes, acknowledges, adopts, and says what to drive now.
+"""One car that shares its plans: it proposes, acknowledges, adopts, and gives the motion to drive.
 
 Twenty times a second: ``receive`` new messages, ``step``, send ``next_message``; ``motion_at`` is
 what to drive in between. It has no clock and no transport of its own.
@@ -12,7 +12,7 @@ that is c up to a branch time in the future. Every message of a car contains its
 2. Car i adopts q only when each other car has acknowledged q, before the branch time. Else it
    withdraws q and continues with c.
 
-*No two committed plans come nearer than the distance, whatever messages are lost, delayed or
+*No two committed plans come nearer than the distance, even if messages are lost, delayed or
 repeated.* At first all cars are at rest at separate places. Suppose i adopts q, as j acknowledged
 it at a time T. The committed plan of j is then one of these:
 

@@ -6,7 +6,7 @@ A pose is judged by what each beam would measure with the rectangle there:
 
 A beam counts by its squared error in standard deviations, at most ``MAX_COST``. So beams that pass
 through the rectangle contradict it, as those do that end on something else. A beam that ends before
-the rectangle tells little: something is in front of it.
+the rectangle means little: something is in front of it.
 
 The visible sides need no separate treatment, since the hidden ones are not expected to be hit.
 """

@@ -11,7 +11,8 @@ from dart_hal.estimation.localisation.beams import Beams
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.health import AGREEMENT_DISTANCE, AGREEMENT_SHARE
 
-# m from a line of the map within which a point belongs to it, whatever its beam says: edges.
+# m from a line of the map within which a point belongs to it, even if its beam misses the line, as
+# at an edge.
 MIN_LINE_DISTANCE = 0.06
 
 

@@ -110,7 +110,7 @@ class ParameterInformation:
         car = diagnosis.extended
         evidence = diagnosis.evidence
         stds = {name: m.std for name, m in diagnosis.refitted.items() if math.isfinite(m.std)}
-        # No drive tells mass from force: sizes that are not measured keep their errors.
+        # No drive separates mass from force: sizes that are not measured keep their errors.
         stds |= {size: error * value(car, size) for effect, (size, error) in SIZE_ERRORS.items()
                  if size not in stds and effect not in {a.name for a in car.effects}}
         self._car = car

@@ -11,7 +11,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
 
 try:
-    import jax  # noqa: F401 - says here what is missing
+    import jax  # noqa: F401 - the error names what is missing
 except ImportError as err:
     raise UsageError("the simulation on JAX needs jax", remedy=install_command("jax")) from err
 
