@@ -213,8 +213,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p.add_argument("--check", action="store_true",
                    help=f"compare with {REFERENCE.name}; exit status 1 if worse by more than 2 %%")
     o = p.parse_args(arguments)
-    if o.check and o.together != GROUP:
-        p.error(f"--check compares groups of {GROUP}; leave out --together")
+    if o.check and (o.together != GROUP or o.recordings < len(HELD_OUT)):
+        p.error(f"--check compares all recordings in groups of {GROUP}: leave out --together and "
+                "--recordings")
     reference = json.loads(REFERENCE.read_text(encoding="utf-8")) if o.check else None
     began = time.monotonic()
     folds: list[dict[str, Any]] = []

@@ -48,3 +48,10 @@ def test_neural_residual_starts_at_the_bicycle_and_learns():
     assert min(losses) > 0.0
     assert np.mean(losses[-5:]) < 0.9 * losses[0]
     assert neural_residual.compute_errors(vehicle, trained, scales, cases)[2] < found[2]
+
+
+@pytest.mark.parametrize("part", [("--recordings", "3"), ("--together", "1")])
+def test_gate_refuses_part_of_the_recordings(part, capsys):
+    with pytest.raises(SystemExit):
+        bench_real_car.main(["nowhere", "--check", *part])
+    assert "--check compares all recordings" in capsys.readouterr().err
