@@ -3,6 +3,7 @@
     make coverage                                 both campaigns on 100 hidden cars, gone on with
     python -m studies.calibration.coverage --seeds 30 --jobs 2 --plot coverage.png
     python -m studies.calibration.coverage --seeds 40 throttle circle       one verb by itself
+    python -m studies.calibration.coverage --cluster tcp://192.168.1.5:8786 throttle
 
 "all" is calibrate all, a minute of CPU a car; "joint" is identify --joint on four drives of a car
 that "all" has measured, another minute. Each car of "latency" by itself, and of "lagging", which
@@ -10,7 +11,8 @@ is esc, has a delay and a lag of its motor drawn from its seed; "steering" by it
 that nothing has measured before. One row per quantity: the share of its intervals that hold the
 truth, rms of error by standard error, worst of both. In the pooled share every quantity of every
 car weighs the same, the 20 numbers of a ring as one. Host crystal, filter of the gyro and rear tyre
-are drawn from the seed as well (``real_parts``).
+are drawn from the seed as well (``real_parts``). The workers of a cluster start in a checkout that
+all of them share: "joint" reads what "all" has written.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dart_hal.core.errors import DartHalError
+from dart_hal.core.process.cluster import use_cluster
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import INTERVAL_90
 from studies.calibration.hidden_errors import VERBS, Errors, errors
@@ -110,6 +113,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--cluster", metavar="ADDRESS",
+                        help="of a dask scheduler, in place of --jobs")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--plot", type=Path)
     given = parser.parse_args()
@@ -119,7 +124,7 @@ def main() -> None:
     lines = given.results.read_text().splitlines() if given.results.is_file() else []
     done = {(line["verb"], line["seed"]): line for line in map(json.loads, lines)}
     left = [case for case in cases if case not in done]
-    with given.results.open("a") as file:
+    with use_cluster(given.cluster), given.results.open("a") as file:
         for line in each(one, left, given.jobs, parts=len(left)):
             done[line["verb"], line["seed"]] = line
             file.write(json.dumps(line) + "\n")

@@ -2,10 +2,12 @@
 
     make campaign                                  all of it, resumed where it was left
     python -m studies.diagnosis.campaign --only medium null --cases 20 --jobs 2
+    python -m studies.diagnosis.campaign --cluster tcp://192.168.1.5:8786
 
 Each case writes two files and asks ``dart_lab.diagnosis.diagnose`` about them,
 which gets nothing else. Results are lines of JSON; a case that is there is not
-run again.
+run again. The workers of a cluster start in a checkout:
+``python -m distributed.cli.dask_worker ADDRESS --nworkers auto --nthreads 1``.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dart_hal.core.errors import DartHalError
+from dart_hal.core.process.cluster import use_cluster
 from dart_hal.core.process.jobs import each
 from studies.diagnosis import campaign_show as show
 from studies.diagnosis.campaign_cases import (
@@ -134,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(stderr=True)
     bar = Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
                    TimeRemainingColumn(), console=console)
-    with bar, o.out.open("a", encoding="utf-8") as file:
+    with use_cluster(o.cluster), bar, o.out.open("a", encoding="utf-8") as file:
         task = bar.add_task("hiding and seeking", total=len(missing))
         asked = partial(ask, fitted_frames=o.fitted_frames)
         for line in results(missing, tuple(o.seconds), o.jobs, asked):
@@ -178,6 +181,7 @@ def _parser() -> argparse.ArgumentParser:
                    help="other draws than those from 0 on, which the search was built with")
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
     p.add_argument("--jobs", type=int, default=2, help="cores")
+    p.add_argument("--cluster", metavar="ADDRESS", help="of a dask scheduler, in place of --jobs")
     p.add_argument("--fitted-frames", action="store_true",
                    help="fit the marker frame to the drives instead of stating it")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")

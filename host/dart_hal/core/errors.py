@@ -283,6 +283,14 @@ class ExperimentFailed(DartHalError, RuntimeError):
     remedy_default = "remove the cause that found names, then run the same experiment again"
 
 
+class ClusterFailed(DartHalError, ConnectionError):
+    """A cluster cannot be used: no scheduler, too few workers, or other software on one."""
+
+    code = "D-CLUS-01"
+    likely_default = "the scheduler does not run, a firewall, or another port"
+    remedy_default = "dask scheduler ; on each computer: dask worker ADDRESS --nthreads 1"
+
+
 class EmulatorMissing(DartHalError, RuntimeError):
     """The emulator of the firmware cannot be used on this computer."""
 

@@ -35,6 +35,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
+from dart_lab.cli.cluster_option import cluster_option, connect_cluster
 from dart_lab.cli.evaluate import list_fitted_hashes
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.inputs import check_inputs, select_effects
@@ -88,13 +89,14 @@ Skipped = list[tuple[str, str]]
 @click.option("--suggest", is_flag=True,
               help="suggest a drive that distinguishes causes which these data cannot")
 @click.argument("loose", nargs=-1, metavar="")
+@cluster_option
 @recorded_car_options
 @json_option
 def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
             out: Path | None, out_predictor: Path | None, html: Path | None,
             only: tuple[str, ...], exclude: tuple[str, ...], false_alarm: float, max_causes: int,
             jobs: int | None, reference: Reference | None, seed: int, full: bool, suggest: bool,
-            loose: tuple[str, ...], car_name: str | None, cars: Path | None,
+            cluster: str | None, loose: tuple[str, ...], car_name: str | None, cars: Path | None,
             as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
@@ -104,7 +106,12 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     """
     # 1. Check the arguments, before any file is read.
     _check_arguments(loose, train, test)
+    if jobs is not None and cluster is not None:
+        raise UsageError("--jobs and --cluster exclude each other", found=f"--jobs {jobs}",
+                         expected="as many processes as the cluster has workers",
+                         remedy="leave --jobs out")
     names = select_effects(only, exclude)
+    connect_cluster(cluster)
     model = model or default_model((*train, *test))
     typed = _format_command(locals())
     car = load_named_car(car_name, cars)

@@ -25,6 +25,7 @@ from dart_hal.recording.fetch import find
 from dart_hal.vehicle.file import missing_parameters
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.cli.cluster_option import cluster_option, connect_cluster
 from dart_lab.identification.evaluation import Evaluation, evaluate, kinematic
 from dart_lab.identification.measured import MEASURED, default_model, named_model
 
@@ -43,12 +44,13 @@ from dart_lab.identification.measured import MEASURED, default_model, named_mode
 @plots_options("the errors", "the errors, and those of each recording")
 @html_option
 @full_option
+@cluster_option
 @recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
             reference: Reference | None,
-            plot: Path | None, html: Path | None, full: bool, car_name: str | None,
-            cars: Path | None, as_json: bool) -> None:
+            plot: Path | None, html: Path | None, full: bool, cluster: str | None,
+            car_name: str | None, cars: Path | None, as_json: bool) -> None:
     """Predict 0.5, 1 and 2 s ahead from every quarter second, with the logged commands alone.
 
     FILES: recordings with motion capture, or folders, also of the data folder ($DART_DATA, see
@@ -66,6 +68,7 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
         _import_pictures().check_target(plot)
     if model is not None and model != MEASURED:
         find_model(model)  # raises for a wrong name before the search for files
+    connect_cluster(cluster)
     # The default model depends on the recordings: those with a calibration give "measured".
     found = tuple(find(files))
     model = model or default_model(found)

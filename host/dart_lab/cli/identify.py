@@ -34,6 +34,7 @@ from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.cli.cluster_option import cluster_option, connect_cluster
 from dart_lab.identification.measured import default_model, named_model
 from dart_lab.identification.outcome import Identification, identify_jointly, identify_per_recording
 from dart_lab.identification.write import SECTIONS, WrittenModel, build_model, write
@@ -76,18 +77,24 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
               "motion capture; starts at the base")
 @click.option("--dry-run", is_flag=True, help="fit and show, write nothing")
 @click.option("--full", is_flag=True, help="print every file and every note")
+@cluster_option
 @recorded_car_options
 @json_option
 def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str | None,
             out: Path | None, plot: Path | None, html: Path | None, reference: Reference | None,
-            joint: bool, dry_run: bool, full: bool, car_name: str | None, cars: Path | None,
-            as_json: bool) -> int:
+            joint: bool, dry_run: bool, full: bool, cluster: str | None, car_name: str | None,
+            cars: Path | None, as_json: bool) -> int:
     """Fit friction, motor, steering map, delays and tyres to recordings (files or folders).
 
     A fit that did not converge or stopped at a bound is reported, never written. Exit status 1:
     nothing could be identified.
     """
     _check_arguments(submodel, files, root, reference, joint)
+    if cluster is not None and not joint:
+        raise UsageError("a cluster computes the joint fit alone", found="no --joint",
+                         expected="identify all --joint FILES, the fit that takes minutes",
+                         remedy="add --joint, or leave --cluster out")
+    connect_cluster(cluster)
     if plot is not None and plot.suffix in FIGURE_FORMATS and submodel == "all":
         raise UsageError("identify all has a picture of each sub-model", found=f"--plot {plot}",
                          expected="a folder", remedy=f"--plots {plot.with_suffix('')}")

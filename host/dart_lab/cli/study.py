@@ -29,6 +29,7 @@ from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Reference
 from dart_hal.recording.fetch import find
+from dart_lab.cli.cluster_option import cluster_option, connect_cluster
 from dart_lab.identification.measured import named_model
 from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_page
 from dart_lab.study.stages import StageResult, describe_validation
@@ -48,11 +49,12 @@ from dart_lab.study.stages import StageResult, describe_validation
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="seed of the random draws for intervals and significance")
 @full_option
+@cluster_option
 @recorded_car_options
 @json_option
 def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
             reference: Reference | None, html: Path | None, seed: int, full: bool,
-            car_name: str | None, cars: Path | None, as_json: bool) -> int:
+            cluster: str | None, car_name: str | None, cars: Path | None, as_json: bool) -> int:
     """Study a car by its recordings: check, identifiability, fit, validation, diagnosis, next.
 
     FILES: recordings or folders of them, imported ones too (dart-hal data import). The last third
@@ -62,6 +64,7 @@ def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal study FOLDER --car NAME --html study.html")
+    connect_cluster(cluster)
     recordings, skipped = read_any(find(files), reference=reference,
                                    car=NamedCar(car_name, str(cars) if cars else None))
     # Sizes of the named car replace those of the start model, which fits may then move within their

@@ -21,12 +21,14 @@ from typing import Any
 from dart_hal.core.config import ModelFile, load_model, save_model
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.plain_json import plain
+from dart_hal.core.process.jobs import choose_processes
 from dart_hal.recording.check import RecordingCheck, check
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import hold_out
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL
@@ -311,7 +313,8 @@ def _diagnose(study: Study, progress: Progress | None) -> StageResult:
     one = len({r.sha256 for r in (*train, *test)}) == 1
     whole = [replace(train[0], spans=())] if one else list(train)
     inputs = check_inputs(whole, () if one else test, vehicle)
-    d = diagnose(file, vehicle, inputs.train, inputs.test, seed=study.seed, progress=progress)
+    d = diagnose(file, vehicle, inputs.train, inputs.test, seed=study.seed, progress=progress,
+                 jobs=choose_processes(sum(map(driving_seconds, inputs.train))))
     written = write_model(d, study.folder / EXTENDED_MODEL, file, inputs.train,
                           "dart-hal study: stage diagnosis")
     d = replace(d, model=FITTED_MODEL, notes=(*study.notes, *d.notes, *inputs.notes),

@@ -1,7 +1,6 @@
 """Run independent computations on several cores by joblib.
 
-To use a cluster, call ``joblib.parallel_config(backend="dask")`` first: the computations then run
-on that cluster (examples/diagnose_on_a_cluster.py), with the same results.
+Within ``cluster.use_cluster`` they run on the workers of a cluster, with the same results.
 """
 
 from __future__ import annotations
@@ -20,8 +19,11 @@ Result = TypeVar("Result")
 
 
 def choose_processes(seconds: float) -> int:
-    """Return the number of processes for a recording of so many seconds of driving."""
-    return cores() if seconds >= MIN_PARALLEL_SECONDS else 1
+    """Return the number of processes for a recording of so many seconds of driving.
+
+    On a cluster that is the number of its workers.
+    """
+    return cluster_workers() or (cores() if seconds >= MIN_PARALLEL_SECONDS else 1)
 
 
 def cores() -> int:
@@ -31,11 +33,21 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+def cluster_workers() -> int:
+    """Return the number of workers of the cluster that ``each`` uses now; 0 without one."""
+    if "joblib" not in sys.modules:
+        return 0
+    from joblib.parallel import get_active_backend
+
+    backend, _ = get_active_backend()
+    return int(backend.effective_n_jobs(None)) if hasattr(backend, "client") else 0
+
+
 def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *,
          parts: int = DEFAULT_PARTS) -> Iterator[Result]:
     """Apply ``work`` to each item; the results are in any order and independent of each other.
 
-    jobs: processes; 1 = this process, unless joblib has a backend.
+    jobs: processes; 1 = this process. On a cluster its workers compute, and ``jobs`` has no effect.
     parts: packets of items; the results of a packet arrive together.
     """
     if jobs == 1 and "joblib" not in sys.modules:  # without joblib there is no backend
@@ -44,11 +56,12 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
     from joblib import Parallel, delayed, effective_n_jobs
 
     n_jobs = None if jobs == 1 else jobs  # None: that of joblib.parallel_config, else 1
+    workers = cluster_workers()
     if len(items) < 2 or effective_n_jobs(n_jobs) == 1:
         yield from map(work, items)
         return
     # Interleaved packets, so that neighbouring items of similar cost are in different ones.
-    parts = min(parts, len(items))
+    parts = min(max(parts, workers), len(items))
     for part in Parallel(n_jobs=n_jobs, return_as="generator")(
             delayed(_some)(work, items[i::parts]) for i in range(parts)):
         yield from part

@@ -34,9 +34,10 @@ def measured(cases: Sequence[Case], offsets: Sequence[int] = HORIZON_OFFSETS) ->
     return rollout.measured_states(parts(cases), offsets)
 
 
-def predict(p: Vehicle, cases: Sequence[Case], progress: Progress | None = None) -> FloatArray:
-    """Predict the states at the horizons. progress(share) reports each batch."""
-    return rollout.predict(p, parts(cases), HORIZON_OFFSETS, progress=progress)
+def predict(p: Vehicle, cases: Sequence[Case], progress: Progress | None = None,
+            apply: rollout.Apply = map) -> FloatArray:
+    """Predict the states at the horizons. progress, apply: as for ``rollout.predict``."""
+    return rollout.predict(p, parts(cases), HORIZON_OFFSETS, progress=progress, apply=apply)
 
 
 def kinematic(p: Vehicle) -> Vehicle:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import apply_parameter_effects
@@ -78,7 +79,7 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
         return score(errors(states, truth), cases)
 
     share = (lambda done: progress(0.6 * done)) if progress else None
-    out = Evaluation(p, prepared, score_states(predict(p, cases, share)),
+    out = Evaluation(p, prepared, score_states(predict(p, cases, share, each)),
                      score_states(predict_ctrv(cases)), None,
                      tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to))
     return replace(out, limit=kinematic_limit(p, cases)) if limit else out

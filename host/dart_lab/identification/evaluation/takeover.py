@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
@@ -135,17 +137,26 @@ def predict_at_measured_speed(p: Vehicle, cases: Sequence[Case]) -> FloatArray:
     """Predict the states (6, windows) after 1 s, with the measured v_x at every sample."""
     throttle, angle, at = inputs(p, parts(cases))
     speed, _ = concatenate_series(parts(cases), [c.grid.v_x for c in cases])
-    out = measured(cases, (0,))[0]
-    for some in batches(len(at)):
-        state = out[:, some]
-        for k in range(HORIZON_SAMPLES):
-            now = at[some] + k
-            state[3] = speed[now]
-            with np.errstate(over="ignore", invalid="ignore"):
-                state = rollout(p, state, throttle[now][None], angle[now][None],
-                                output_samples=(1,))[0]
+    start = measured(cases, (0,))[0]
+    out = np.empty(start.shape)
+    work = partial(_predict_batch_at_measured_speed, p, throttle, angle, speed, at, start)
+    for some, state in each(work, list(batches(len(at)))):
         out[:, some] = state
-    return np.asarray(out)
+    return out
+
+
+def _predict_batch_at_measured_speed(p: Vehicle, throttle: FloatArray, angle: FloatArray,
+                                     speed: FloatArray, first: IntArray, start: FloatArray,
+                                     some: slice) -> tuple[slice, FloatArray]:
+    """Predict the windows ``some``; the slice with their states."""
+    state = start[:, some].copy()  # data of a worker are read-only
+    for k in range(HORIZON_SAMPLES):
+        now = first[some] + k
+        state[3] = speed[now]
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = rollout(p, state, throttle[now][None], angle[now][None],
+                            output_samples=(1,))[0]
+    return some, state
 
 
 def _make_bin(low: float, high: float, k: FloatArray, d: FloatArray, block: Any, unit: str,

@@ -7,7 +7,9 @@ of the centre of mass.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +25,8 @@ from .actuators import actuator_outputs
 
 Parts = Sequence[tuple[Grid, IntArray]]
 Progress = Callable[[float], None]
+# As ``map``, with the results in any order.
+Apply = Callable[[Callable[[slice], Any], list[slice]], Iterable[Any]]
 # Windows of one batch: they fit into the cache of a core, and bound the memory.
 BATCH_WINDOWS = 2048
 
@@ -71,20 +75,31 @@ def batches(n: int) -> Iterator[slice]:
 
 
 def predict(p: Vehicle, parts: Parts, offsets: Sequence[int], *, smooth: bool = False,
-            sampled: Sampled = "start", progress: Progress | None = None) -> FloatArray:
+            sampled: Sampled = "start", progress: Progress | None = None,
+            apply: Apply = map) -> FloatArray:
     """Predict the states (len(offsets), 6, windows), ``offsets`` samples after each start.
 
-    smooth, sampled: as ``behind_actuator``; progress(share) reports each batch.
+    smooth, sampled: as ``behind_actuator``; progress(share) reports each batch; apply: computes
+    the batches, ``each`` on a cluster.
     """
     throttle, angle, first = inputs(p, parts, smooth, sampled)
     start = measured_states(parts, (0,))[0]
     out = np.empty((len(offsets), 6, len(first)))
-    for some in batches(len(first)):
-        with np.errstate(over="ignore", invalid="ignore"):  # a model may diverge: it is scored
-            out[:, :, some] = rollout(p, start[:, some],
-                                      cut_windows(throttle, first[some], max(offsets)),
-                                      cut_windows(angle, first[some], max(offsets)),
-                                      output_samples=offsets)
+    done = 0
+    work = partial(_predict_batch, p, throttle, angle, first, start, offsets)
+    for some, found in apply(work, list(batches(len(first)))):
+        out[:, :, some] = found
+        done += found.shape[-1]
         if progress is not None:
-            progress(some.stop / len(first))
+            progress(done / len(first))
     return out
+
+
+def _predict_batch(p: Vehicle, throttle: FloatArray, angle: FloatArray, first: IntArray,
+                   start: FloatArray, offsets: Sequence[int], some: slice
+                   ) -> tuple[slice, FloatArray]:
+    """Predict the windows ``some``; the slice with their states."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a model may diverge: it is scored
+        return some, rollout(p, start[:, some], cut_windows(throttle, first[some], max(offsets)),
+                             cut_windows(angle, first[some], max(offsets)),
+                             output_samples=offsets)

@@ -13,10 +13,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
+from dart_hal.core.process.jobs import each
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.dart import RUN, Grid, Recording, Reference, grid
@@ -277,17 +280,25 @@ class _JointProblem:
 
     def _jacobian(self, x: FloatArray, scale: FloatArray) -> FloatArray:
         """Return central differences (n, k); one-sided at a bound."""
+        # The columns are independent: on a cluster the workers compute them.
+        found = dict(each(partial(self._column, x, scale), range(len(x))))
+        return np.stack([found[i] for i in range(len(x))], axis=1)
+
+    def _column(self, x: FloatArray, scale: FloatArray, i: int) -> tuple[int, FloatArray]:
+        """Return a column of the Jacobian (n,), with its number."""
         space = self._space
-        columns = []
-        for i, name in enumerate(space.names):
-            step = TIMING_STEP / space.width(i) if name.startswith("delay.") else PRIOR_STEP
-            up = x.copy()
-            down = x.copy()
-            up[i] = min(x[i] + step, space.high[i])
-            down[i] = max(x[i] - step, space.low[i])
-            columns.append((self._residual(up, scale) - self._residual(down, scale))
-                           / (up[i] - down[i]))
-        return np.stack(columns, axis=1)
+        step = (TIMING_STEP / space.width(i) if space.names[i].startswith("delay.")
+                else PRIOR_STEP)
+        up = x.copy()
+        down = x.copy()
+        up[i] = min(x[i] + step, space.high[i])
+        down[i] = max(x[i] - step, space.low[i])
+        return i, ((self._residual(up, scale) - self._residual(down, scale))
+                   / (up[i] - down[i]))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a worker of a cluster needs: not the progress, which is shown here."""
+        return {**self.__dict__, "_progress": None}
 
     def _report_progress(self) -> None:
         self._rounds += 1
