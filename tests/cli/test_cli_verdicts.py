@@ -8,7 +8,8 @@ import pytest
 
 from dart_hal.calibration.acceptance import STEP_NAMES
 from dart_hal.car import Car
-from dart_lab.cli import study
+from dart_lab.cli import accept, study
+from dart_lab.pages.accept_page import AcceptanceReport
 from dart_lab.study.stages import CHANNEL_LABELS, StageResult
 from tests.cli.test_cli_accept import ACCEPTED_CAR, EMULATED, only
 from tests.common import EXCERPT, MOCK_3_URL
@@ -71,6 +72,22 @@ def test_accept_begins_with_its_verdict(verb):
                         r"errors and 5%\.", verdict)
     assert steps.startswith(f"1 of {len(STEP_NAMES)} steps measured; skipped: ")
     assert first == "First: dart-hal calibrate all"
+
+
+def test_accept_lists_values_and_notices_with_full(verb):
+    words = ("accept", "--yes", "--url", ACCEPTED_CAR, "--emulator", EMULATED, *only("rotation"))
+    short = verb(*words)
+    full = verb(*words, "--full")
+    assert "as predicted" not in short.out
+    assert "as predicted" in full.out
+    assert len(short.out.splitlines()) == 3 + len(STEP_NAMES)
+
+
+def test_accept_counts_the_notices_of_the_car(capsys):
+    report = AcceptanceReport((), (), {"notices": ["the files of dart-01 are not used"]})
+    for full, line in ((False, "1 notice (--full)"), (True, "notice: the files of dart-01")):
+        accept._print_report(report, full)
+        assert line in capsys.readouterr().err
 
 
 @pytest.mark.slow

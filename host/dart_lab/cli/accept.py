@@ -30,12 +30,14 @@ from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.common.bench import TerminalOperator
 from dart_hal.cli.common.options import (
     car_options,
+    full_option,
     html_option_with_default,
     json_option,
     out_option,
 )
 from dart_hal.cli.common.output import (
     console,
+    count_notices,
     print_json,
     print_line,
     print_verdict,
@@ -46,7 +48,12 @@ from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.plain_json import plain
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
-from dart_lab.pages.accept_page import INTERRUPTED, AcceptanceReport, write_page
+from dart_lab.pages.accept_page import (
+    DIFFERS,
+    INTERRUPTED,
+    AcceptanceReport,
+    write_page,
+)
 from dart_lab.report.page import write as write_page_text
 
 EMULATED_CAR = "sim://"
@@ -103,9 +110,11 @@ def _ask_reading(question: str) -> float | None:
 @html_option_with_default(Path("accept.html"))
 @out_option(".json", content="the values of the report", replaces=True,
             default=Path("accept.json"))
+@full_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, port: str | None, emulator: str,
-            skip: tuple[str, ...], yes: bool, html: Path, out: Path, as_json: bool) -> int:
+            skip: tuple[str, ...], yes: bool, html: Path, out: Path, full: bool,
+            as_json: bool) -> int:
     """Check a new car in 15 minutes, each value next to what the emulated car gives.
 
     The emulated car runs the same steps. Throttle is used only while the wheels are off the ground.
@@ -139,7 +148,7 @@ def command(url: str | None, car_name: str, cars: Path | None, port: str | None,
     if as_json:
         print_json({**answer, "page": str(html), "file": str(out)})
     else:
-        _print_report(report)
+        _print_report(report, full)
         console.print(f"report: {html}, {out}", markup=False, highlight=False)
     if report.is_interrupted:
         raise click.Abort
@@ -241,13 +250,17 @@ def _ask_start(step: AcceptanceStep) -> str:
     return answer
 
 
-def _print_report(report: AcceptanceReport) -> None:
-    """Print verdict, steps and first step in three lines, then one line per value."""
+def _print_report(report: AcceptanceReport, full: bool) -> None:
+    """Print verdict, steps and first step in three lines, then a line for each step.
+
+    Below a step are the values that differ from the prediction; full: every value and notice.
+    """
     agreement = report.describe_agreement()
     print_verdict(f"{agreement[:1].upper()}{agreement[1:]}.", report.describe_steps(),
                   report.first_step(), "bold red" if report.has_failed else "bold")
     for outcome in report.outcomes:
-        print_line("")
-        print_line(f"{outcome.step.title}: {report.describe_status(outcome)}")
+        print_line(f"  {outcome.step.title}: {report.describe_status(outcome)}")
         for row in report.rows(outcome):
-            print_line(f"  {row[0]:<62} {row[1]:>22} {row[2]:>22}  {row[3]}")
+            if full or row[-1] == DIFFERS:
+                print_line(f"    {row[0]:<60} {row[1]:>22} {row[2]:>22}  {row[3]}")
+    count_notices(tuple(report.about["notices"]), full)
