@@ -9,9 +9,11 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.diagnosis.evidence import onboard
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.onboard import list_limits
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.diagnosis.evidence.onboard_windows import predict_motion
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, record_onboard
 
@@ -152,3 +154,19 @@ def test_recordings_without_data_give_no_rows_and_are_reported():
     assert r.sensors.shape == (0, 4)
     assert [len(b) for b in nothing.blocks()] == [0, 0]
     assert any("how the car moves" in s for s in list_limits(nothing))
+
+@pytest.mark.parametrize(("name", "predictions"), [("imu_yaw", 1), ("imu_pitch", 2)])
+def test_motion_is_predicted_once_for_effects_on_the_accelerometer_alone(plain, monkeypatch, name,
+                                                                         predictions):
+    """Control: a pitched IMU changes the yaw rate too, by which the start is measured."""
+    calls = []
+    monkeypatch.setattr(onboard, "predict_motion",
+                        lambda *given: calls.append(given) or predict_motion(*given))
+    _forget(plain)
+    plain.residuals(PAPER)
+    found = plain.residuals(apply(PAPER, name, k=0.05))
+    assert len(calls) == predictions * len(plain.drives)
+    _forget(plain)
+    again = plain.residuals(apply(PAPER, name, k=0.05))
+    assert np.array_equal(again.motion, found.motion)
+    assert np.array_equal(again.sensors, found.sensors, equal_nan=True)

@@ -8,6 +8,7 @@ state is common to all read-outs of a window, so the whitening takes account of 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,13 +27,22 @@ from .onboard_drive import (
 )
 from .onboard_windows import (
     ActuatorOutput,
+    WindowMotion,
     actuator_means,
+    predict_motion,
     predict_sensors,
     steering_output,
     throttle_output,
+    window_times,
 )
 from .readings import SENSORS, rest_motion, rest_residuals
-from .residuals import Evidence, Residuals, steering_key, throttle_key
+from .residuals import (
+    Evidence,
+    Residuals,
+    affects_readings_only,
+    steering_key,
+    throttle_key,
+)
 from .space import NO_DELAY, MessageTiming
 from .standing import uniform_sequence
 
@@ -124,9 +134,15 @@ class OnboardEvidence(Evidence):
             lambda: self._steering_outputs(q, timing))
         still = self._cached_part("resting", lambda: [rest_motion(d) for d in self.drives])
         rest = [rest_residuals(d, p, rest=r) for d, r in zip(self.drives, still, strict=True)]
+        times = self._cached_part("times", lambda: [window_times(d) for d in self.drives])
+        moving = _drop_accelerometer_effects(p)
+        motions = self._cached_part(
+            ("motion", moving, timing.message_age, timing.age_spread),
+            lambda: [predict_motion(d, moving, q, *inputs) if len(d.window_starts) else None
+                     for d, *inputs in zip(self.drives, times, throttle, angle, strict=True)])
         parts = [(np.empty((0, MESSAGES_AHEAD * len(ONBOARD_MOTION))), np.empty((0, 4))),
-                 *(_stretch_residuals(drive, p, q, *inputs)
-                   for drive, *inputs in zip(self.drives, rest, throttle, angle, strict=True))]
+                 *(_stretch_residuals(drive, p, *inputs) for drive, *inputs in zip(
+                     self.drives, rest, times, motions, throttle, strict=True))]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
         for k in range(4):  # a channel without readings still needs a scale
             if not np.isfinite(sensors[:, k]).any():
@@ -161,15 +177,24 @@ def list_limits(evidence: OnboardEvidence) -> tuple[str, ...]:
     return (*NOT_OBSERVABLE, *own)
 
 
-def _stretch_residuals(drive: OnboardStretch, p: Vehicle, q: Vehicle, rest: FloatArray,
-                       throttle: ActuatorOutput, angle: ActuatorOutput
+def _drop_accelerometer_effects(p: Vehicle) -> Vehicle:
+    """Return the vehicle without effects that only the accelerometer shows."""
+    return replace(p, effects=tuple(a for a in p.effects if not (
+        affects_readings_only(a.effect) and set(a.effect.signals) == {"accel"})))
+
+
+def _stretch_residuals(drive: OnboardStretch, p: Vehicle, rest: FloatArray, t: FloatArray,
+                       motion: WindowMotion | None, throttle: ActuatorOutput
                        ) -> tuple[FloatArray, FloatArray]:
-    """Compute motion and sensor residuals of one stretch; rest: those of messages at rest."""
-    if not len(drive.window_starts):
+    """Compute motion and sensor residuals of one stretch; rest: those of messages at rest.
+
+    motion: None for a stretch without windows.
+    """
+    if motion is None:
         return np.empty((0, MESSAGES_AHEAD * len(ONBOARD_MOTION))), rest
-    predicted = predict_sensors(drive, p, q, throttle, angle)
-    motion = (predicted[:2] - drive.window_readings).transpose(2, 1, 0)
+    predicted = predict_sensors(drive, p, t, motion, throttle)
+    errors = (predicted[:2] - drive.window_readings).transpose(2, 1, 0)
     accel = predicted[2:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].transpose(2, 1, 0).reshape(-1, 2)
     driving = np.full((len(accel), 4), np.nan)
     driving[:, 2:] = accel - drive.readings[:len(accel), 2:]
-    return (motion.reshape(len(drive.window_starts), -1), np.concatenate([driving, rest]))
+    return (errors.reshape(len(drive.window_starts), -1), np.concatenate([driving, rest]))

@@ -75,19 +75,33 @@ def _samples(drive: OnboardStretch) -> FloatArray:
     return np.asarray(np.arange(-LEAD_SAMPLES, WINDOW_SAMPLES + 1)[:, None] + drive.window_starts)
 
 
-def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: ActuatorOutput,
-                    angle: ActuatorOutput) -> FloatArray:
-    """Predict encoder, gyro, a_x and a_y in each window, (4, MESSAGES_AHEAD, n).
+@dataclass(frozen=True, slots=True)
+class WindowMotion:
+    """Predicted states (6, samples, n) of windows, and distance [m] driven before them (1, n)."""
+
+    states: FloatArray
+    distance: FloatArray
+
+
+def window_times(drive: OnboardStretch) -> FloatArray:
+    """Return the times (samples, n) [s] of the samples of each window."""
+    return _interpolate(drive.grid.t, _samples(drive))
+
+
+def predict_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, t: FloatArray,
+                   throttle: ActuatorOutput, angle: ActuatorOutput) -> WindowMotion:
+    """Predict the motion in each window, on which effects on the accelerometer have no influence.
+
+    t: of ``window_times``.
 
     1. Roll the model out over LEAD_SAMPLES before the start, which gives it a lateral speed.
     2. Correct its speed and yaw rate at the start by the readings of the messages up to there.
-    3. Roll it out over the window, and predict the sensors from lead and window together.
+    3. Roll it out over the window.
     """
     g = _correct_motion(drive, p, q, throttle.series)
     samples = _samples(drive)
     tau = throttle.windows
     delta = angle.windows
-    t = _interpolate(g.t, samples)
     distance = _interpolate(np.cumsum(g.v_x) * SAMPLE, samples[:1])
     none = np.zeros(len(drive.window_starts))
     # 1. The lead starts at the measured yaw, speed, lateral speed and yaw rate.
@@ -95,7 +109,7 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
                       *(_interpolate(f, samples[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
     n_lead = LEAD_SAMPLES + LAST_LEAD_SAMPLES
     lead = _roll_out(p, first, tau[:n_lead], delta[:SUBSTEPS * n_lead])
-    wheel, gyro, _, _ = _sense(p, t[:n_lead + 1], lead, tau[:n_lead + 1], distance)
+    wheel, gyro = _sense_motion(p, t[:n_lead + 1], lead, tau[:n_lead + 1], distance)
     # 2. Prediction and readings before the start: the speed is corrected by their mean difference,
     #    the yaw rate by that of the last message.
     past = LEAD_SAMPLES + drive.past_offsets
@@ -106,8 +120,16 @@ def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: Act
     lead[5] += error[1, -1]
     # 3. The window itself.
     rest = _roll_out(p, lead[:, -1], tau[LEAD_SAMPLES:-1], delta[SUBSTEPS * LEAD_SAMPLES:-SUBSTEPS])
-    whole = np.concatenate([lead, rest[:, 1:]], axis=1)
-    wheel, gyro, a_x, a_y = _sense(p, t, whole, tau, distance)
+    return WindowMotion(np.concatenate([lead, rest[:, 1:]], axis=1), distance)
+
+
+def predict_sensors(drive: OnboardStretch, p: Vehicle, t: FloatArray, motion: WindowMotion,
+                    throttle: ActuatorOutput) -> FloatArray:
+    """Predict encoder, gyro, a_x and a_y in each window, (4, MESSAGES_AHEAD, n).
+
+    t: of ``window_times``; motion: of ``predict_motion``.
+    """
+    wheel, gyro, a_x, a_y = _sense(p, t, motion.states, throttle.windows, motion.distance)
     ends = LEAD_SAMPLES + drive.message_offsets
     return np.stack([np.abs(_trailing_mean(wheel, ends, ENCODER_MEAN_S)),
                      *(_trailing_mean(f, ends, drive.mean_s) for f in (gyro, a_x, a_y))])
@@ -120,11 +142,24 @@ def _roll_out(p: Vehicle, start: FloatArray, tau: FloatArray, delta: FloatArray)
     return np.asarray(np.concatenate([start[None], after]).swapaxes(0, 1))
 
 
+def _sense_motion(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
+                  distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return encoder and gyro of states as ``_sense``, which are speed and yaw rate if unchanged.
+    """
+    if not (signals(p, "wheel") or signals(p, "gyro")):
+        return states[3], states[5]
+    wheel, gyro, _, _ = _sense(p, t, states, tau, distance)
+    return wheel, gyro
+
+
 def _sense(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
            distance: FloatArray) -> tuple[FloatArray, ...]:
     """Return sensor signals (samples, n) of states; distance [m] before the first sample."""
     rates = np.gradient(states[3:], SAMPLE, axis=1)
-    return read_sensors(p, add_drive_force(p, motion(t, states, rates, distance), tau))
+    now = motion(t, states, rates, distance)
+    # The force at the wheels is only read by effects.
+    affected = any(signals(p, channel) for channel in ("wheel", "gyro", "accel"))
+    return read_sensors(p, add_drive_force(p, now, tau) if affected else now)
 
 
 def _correct_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: FloatArray) -> Grid:
