@@ -30,8 +30,8 @@ EPISODE = {"episode_index", "tasks", "length", "data/chunk_index", "data/file_in
            "meta/episodes/file_index"}
 
 
-def record_drive(path, seconds, seed):
-    with Car.open(f"sim://?seed={seed}&nano=mock", record=path) as car:
+def record_drive(path, seconds, seed, options=""):
+    with Car.open(f"sim://?seed={seed}&nano=mock{options}", record=path) as car:
         list(car.states(duration=0.3))
         for n, _ in enumerate(car.states(duration=seconds)):
             car.drive(steering=0.001 * n)
@@ -158,3 +158,18 @@ def test_the_library_itself_opens_it(data_set):
     done = subprocess.run([sys.executable, "-c", LOAD, str(path)], capture_output=True, text=True,
                           check=True).stdout.split("\n")[-2]
     assert done == (f"2 {made.frames} torch.Size([3, 9]) torch.Size([2, 2]) drive a bend (2,)")
+
+
+def test_the_voltage_is_a_feature_where_every_run_has_it(tables, tmp_path):
+    measured = record_drive(tmp_path / "c.mcap", 0.6, 3, "&battery=1")
+    write_lerobot([measured], tmp_path / "one")
+    features = json.loads((tmp_path / "one" / "meta" / "info.json").read_text())["features"]
+    assert features["observation.battery"] == {"dtype": "float32", "shape": [1], "names": None}
+    voltage = pq.read_table(tmp_path / "one" / "data" / "chunk-000" / "file-000.parquet")[
+        "observation.battery"].to_numpy()
+    assert voltage == pytest.approx(8.2, abs=0.4)
+    write_lerobot([measured, tables[0]], tmp_path / "two")
+    assert "observation.battery" not in json.loads(
+        (tmp_path / "two" / "meta" / "info.json").read_text())["features"]
+    assert "battery" in measured.columns
+    assert "battery" not in tables[0].columns

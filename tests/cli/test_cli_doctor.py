@@ -199,3 +199,19 @@ def test_remedy_names_url_and_folder_of_the_doctor(verb):
     done = verb("doctor", "--url", url, "--json", "--seconds", 1, "--cars", "my cars")
     command = commands_of(done)["calibration"]
     assert shlex.split(command)[3:] == ["--url", url, "--cars", "my cars"]
+
+
+@pytest.mark.parametrize(("battery", "verdict", "words"), [
+    ("1", "ok", "V per cell"), ("charge=0.05", "warn", "V per cell"), ("0", None, "")])
+def test_a_battery_is_checked_where_it_is_measured(verb, battery, verdict, words):
+    done = verb("doctor", "--url", f"{MOCK_URL}&battery={battery}", "--json", "--seconds", 2)
+    assert verdicts(done).get("battery") == verdict
+    assert verdict is None or words in next(
+        c["found"] for c in done.json["checks"] if c["id"] == "battery")
+
+
+def test_a_battery_sensor_that_does_not_answer_is_a_warning(verb, change_backend):
+    change_backend(lambda backend: setattr(
+        backend, "car_toml", backend.car_toml + "\n[battery]\naddress = 0x45\n"))
+    found = verdicts(verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1))
+    assert found["battery"] == "warn"

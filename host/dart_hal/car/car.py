@@ -707,6 +707,16 @@ class Car:
         return self._recorder
 
     @property
+    def has_battery(self) -> bool:
+        """Return whether the car has a sensor of its battery, by car.toml or in the recording.
+
+        Example:
+            >>> car.has_battery
+            False
+        """
+        return self._engine.battery is not None
+
+    @property
     def has_lidar(self) -> bool:
         """Return whether the car has a lidar, by ``Car.open`` or by its URL.
 

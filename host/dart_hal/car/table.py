@@ -56,6 +56,7 @@ TABLE_COLUMNS = {
     "flags": TableColumn("", lambda s: _names(s.health.flags), "flags of the frame, by |"),
     "doubts": TableColumn("", lambda s: _names(s.health.doubts), "what is known against it, by |"),
     "lost": TableColumn("", lambda s: s.health.lost, "frames lost since the opening"),
+    "battery": TableColumn("V", lambda s: s.battery, "voltage; no column without a sensor"),
     "command_steering": TableColumn("rad", lambda s: None,
                                     "command before the next row, else NaN"),
     "command_throttle": TableColumn("", lambda s: None, "command before the next row, else NaN"),
@@ -100,6 +101,8 @@ def read_table(path: Path | str) -> RunTable:
         damaged = car.timing.damaged
     columns = {name: _column(name, [column.of(s) for s in states])
                for name, column in TABLE_COLUMNS.items()}
+    if np.isnan(columns["battery"]).all():
+        del columns["battery"]
     for command in run.commands():
         if (row := _row(columns["t"], command.t)) >= 0:
             columns["command_steering"][row] = command.steering

@@ -12,7 +12,7 @@ from toy_ros import BridgedCar, ToyRos
 from dart_hal.car import Car
 from dart_hal.recording import cdr, stamp
 from dart_lab.live.ros.bridge import Bridge
-from dart_lab.live.ros.messages import build_object, odometry
+from dart_lab.live.ros.messages import battery_state, build_object, odometry
 from dart_lab.live.ros.told import TopicWriter
 
 
@@ -38,6 +38,22 @@ def test_the_topics_are_those_of_upstream(driven):
     assert driven.ros.advertised.keys() == {
         "sensors_and_input_3", "arduino_data_3", "odom_3", "/tf", "vicon/jetracer3", "vx_3",
         "vy_3", "omega_3", "commands_timestamped_car_3", "/clock"}
+
+
+@pytest.mark.parametrize("battery", [True, False])
+def test_the_battery_has_a_topic_where_it_is_measured(battery):
+    with BridgedCar(f"sim://?nano=mock&seed=1&battery={battery:d}", number=3) as car:
+        car.run(1.0, lambda _t: None)
+    sent = [m.fields for topic, m in car.ros.published if topic == "battery_3"]
+    assert ("battery_3" in car.ros.advertised) is bool(sent) is battery
+    voltage = car.ros.last("sensors_and_input_3").fields["data"][2]
+    assert voltage == pytest.approx(8.2 if battery else 0.0, abs=0.4)
+    if battery:
+        assert sent[-1]["voltage"] == voltage
+        assert isnan(sent[-1]["current"])
+        for store in ("ROS1_NOETIC", "ROS2_HUMBLE"):
+            class_of, _ = classes_of(store)
+            assert build_object(battery_state(8.0, 1.0), class_of).voltage == 8.0
 
 
 def test_a_real_car_leaves_the_motion_capture_to_others(driven):

@@ -24,6 +24,8 @@ FORMAT_VERSION = "v3.0"
 # Columns of ``observation.state``, SI units; steering and throttle are those at the pins.
 OBSERVATION_COLUMNS = ("speed", "yaw_rate", "accel_x", "accel_y", "x", "y", "yaw", "steering",
                        "throttle")
+# Voltage of the battery [V], where every run has it.
+BATTERY_FEATURE = "observation.battery"
 # Columns of ``action``: commands [rad, -1..1].
 ACTION_COLUMNS = ("command_steering", "command_throttle")
 # s: a State that is older is outdated.
@@ -54,6 +56,7 @@ def write_lerobot(tables: Sequence[RunTable], path: Path, *, fps: int = 50,
 
     An episode begins with the first command.
 
+    Where every run has the voltage of the battery, ``observation.battery`` is it.
     Runs with a camera contain its images, and begin with the first image if that is later.
     Raises UsageError for a run without commands, for runs with and without a camera together, or
     without pandas and pyarrow (with images Pillow); OSError.
@@ -76,6 +79,9 @@ def write_lerobot(tables: Sequence[RunTable], path: Path, *, fps: int = 50,
         episodes.append(columns)
         held = held + old
         index = index + frames
+    if not all(BATTERY_FEATURE in columns for columns in episodes):
+        for columns in episodes:
+            columns.pop(BATTERY_FEATURE, None)
     together = {name: np.concatenate([e[name] for e in episodes]) for name in episodes[0]}
     for file, content in (
             (_DATA, pa.table({name: _arrow(pa, c) for name, c in together.items()})),
@@ -119,6 +125,8 @@ def episode(table: RunTable, fps: int, images: Sequence[Image] = ()) -> tuple[Co
                      for names in (OBSERVATION_COLUMNS, ACTION_COLUMNS))
     columns = {"observation.state": state.astype(np.float32), "action": action.astype(np.float32),
                "timestamp": (np.arange(len(grid)) / fps).astype(np.float32)}
+    if "battery" in table.columns:
+        columns[BATTERY_FEATURE] = _fill_nan(table.columns["battery"])[row].astype(np.float32)
     old = grid - t[row] > MAX_STATE_AGE
     if images:
         newest = pictures.newest(images, grid)

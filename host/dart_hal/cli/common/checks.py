@@ -19,6 +19,7 @@ from typing import TypeVar
 
 from dart_hal.car import Car
 from dart_hal.car.camera import open_named_camera
+from dart_hal.core.config.car import BatteryConfig
 from dart_hal.core.errors import (
     BusError,
     ConfigError,
@@ -65,7 +66,8 @@ CHECK_TITLES = {
     "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "cautions",
 }
 # With the checks of optional sensors. The order is that of the report.
-ALL_TITLES = {**CHECK_TITLES, "poses": "external poses", "lidar": "lidar", "camera": "camera"}
+ALL_TITLES = {**CHECK_TITLES, "poses": "external poses", "lidar": "lidar", "camera": "camera",
+              "battery": "battery"}
 
 
 def _make_check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
@@ -117,6 +119,8 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
             checks.append(_check_lidar(car))
         if backend.camera is not None:
             checks.append(_check_camera(car))
+        if car.has_battery:
+            checks.append(_check_battery(car, states))
         checks += [_check_arming(car), _check_cautions(car, cars)]
     except DartHalError as error:
         # A fault in between is one of the stream; checks that were not reached are skipped.
@@ -319,6 +323,24 @@ def _check_camera(car: Car) -> DoctorCheck:
         f"{width} x {height}, {health.rate:.1f} per second of {1e-3 * health.size:.0f} kB, "
         f"{1e3 * health.age:.0f} ms old", *problems)), bad="warn",
         expected="no problem", remedy="docs/how_to/camera.md, section Whether it is well")
+
+
+def _check_battery(car: Car, states: list[State]) -> DoctorCheck:
+    """Check whether the voltage is measured, and whether the battery is charged."""
+    config = car.files.config.battery or BatteryConfig()
+    voltages = [s.battery for s in states if s.battery is not None]
+    if not voltages:
+        return _make_check("battery", False, "no voltage", bad="warn",
+                           expected=f"an INA219 at 0x{config.address:02x}",
+                           cause="no such chip, another address, or no battery at its board",
+                           remedy="sudo i2cdetect -y BUS ; then [battery] address in car.toml")
+    # The highest: a load lowers the voltage for a moment.
+    cell = max(voltages) / config.cells
+    return _make_check("battery", cell >= config.warn_cell,
+                       f"{max(voltages):.2f} V, {cell:.2f} V per cell", bad="warn",
+                       expected=f"{config.warn_cell:g} V per cell or more",
+                       remedy="charge it; forward throttle is limited below "
+                              f"{config.limit_cell:g} V per cell")
 
 
 def _check_files(car: Car, cars: Path | None) -> list[DoctorCheck]:

@@ -67,7 +67,8 @@ class Bridge:
         chart = source.chart if source else None
         self._writer = TopicWriter(number, car.files.config.geometry.l_r, car.simulated, mount,
                                    chart)
-        topics = list_output_topics(number, car.simulated, mount is not None, chart is not None)
+        topics = list_output_topics(number, car.simulated, mount is not None, chart is not None,
+                                    car.has_battery)
         for topic, kind in topics.items():
             middleware.advertise(topic, kind, topic in LATCHED_TOPICS)
         for topic, method in list_input_topics(number).items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, nan, sin
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,17 @@ def occupancy_grid(grid: Grid, stamp: float, frame: str) -> RosMessage:
         "info": RosMessage("nav_msgs/MapMetaData", {
             "map_load_time": header.fields["stamp"], "resolution": grid.cell, "width": columns,
             "height": rows, "origin": _plain_pose(x, y, 0.0)})})
+
+
+def battery_state(voltage: float, stamp: float) -> RosMessage:
+    """Return the BatteryState of a measured voltage [V]; what is not measured is NaN or unknown."""
+    unknown = dict.fromkeys(("temperature", "current", "charge", "capacity", "design_capacity",
+                             "percentage"), nan)
+    kinds = dict.fromkeys(("power_supply_status", "power_supply_health",
+                           "power_supply_technology"), 0)
+    return RosMessage("sensor_msgs/BatteryState", {
+        "header": _header(stamp, ""), "voltage": voltage, **unknown, **kinds, "present": True,
+        "cell_voltage": [], "cell_temperature": [], "location": "", "serial_number": ""})
 
 
 def clock(stamp: float) -> RosMessage:

@@ -11,6 +11,7 @@ from dart_hal.core.types import ExternalPose, Mount, Scan, State, Tracking
 from dart_hal.estimation.localisation.field import Map, draw_grid
 from dart_lab.live.ros.messages import (
     RosMessage,
+    battery_state,
     clock,
     external_pose,
     laser_scan,
@@ -36,6 +37,7 @@ SIMULATED_TOPICS = {"vicon/jetracer{n}": "geometry_msgs/PoseWithCovarianceStampe
 # Topics of a car with a lidar, and with a map in which it is localised.
 LIDAR_TOPICS = {"scan_{n}": "sensor_msgs/LaserScan", "/tf_static": "tf2_msgs/TFMessage"}
 MAP_TOPICS = {"/map": "nav_msgs/OccupancyGrid"}
+BATTERY_TOPICS = {"battery_{n}": "sensor_msgs/BatteryState"}
 # Topics whose last message every later subscriber receives too.
 LATCHED_TOPICS = frozenset({"/tf_static", "/map"})
 # Frame of the room: that of the external poses.
@@ -45,10 +47,11 @@ COUNTED_SCANS = 5
 
 
 def list_output_topics(number: int, simulated: bool, has_lidar: bool = False,
-                       has_map: bool = False) -> dict[str, str]:
+                       has_map: bool = False, has_battery: bool = False) -> dict[str, str]:
     """Return by topic the type of each published message."""
     kinds = {**REAL_TOPICS, **(SIMULATED_TOPICS if simulated else {}),
-             **(LIDAR_TOPICS if has_lidar else {}), **(MAP_TOPICS if has_map else {})}
+             **(LIDAR_TOPICS if has_lidar else {}), **(MAP_TOPICS if has_map else {}),
+             **(BATTERY_TOPICS if has_battery else {})}
     return {topic.format(n=number): kind for topic, kind in kinds.items()}
 
 
@@ -74,15 +77,17 @@ class TopicWriter:
     _newest: ExternalPose | None = None
     _scan: Scan | None = None
     _lengths: list[int] = field(default_factory=list)
+    _voltage: float | None = None
 
     def messages(self, state: State, logged: tuple[float, float, float], epoch: float
                  ) -> Iterator[tuple[str, RosMessage]]:
         """Yield (topic, message) of one State.
 
         logged: safety, throttle, steering as sent. epoch [s]: zero of the car's clock, since 1970.
-        Missing values of the IMU are NaN; a controller that then sends NaN gets neutral. Current
-        and voltage are not measured: 0, as in DART's recordings. ``vy`` is the lateral speed of the
-        centre of mass if the rear axle does not slip: v_y = l_r * yaw rate.
+        Missing values of the IMU are NaN; a controller that then sends NaN gets neutral. The
+        current is not measured: 0, as in DART's recordings; so is a voltage without a sensor.
+        ``vy`` is the lateral speed of the centre of mass if the rear axle does not slip:
+        v_y = l_r * yaw rate.
         """
         n = self.number
         stamp = epoch + state.t
@@ -93,12 +98,16 @@ class TopicWriter:
             yield from self._constant_messages(stamp)
         moves = (_or_nan(state.accel_x), _or_nan(state.accel_y), _or_nan(state.yaw_rate),
                  abs(state.speed))
-        yield f"sensors_and_input_{n}", numbers((state.t - self._start_t, 0.0, 0.0, *moves,
-                                                 *logged))
+        yield f"sensors_and_input_{n}", numbers((state.t - self._start_t, 0.0,
+                                                 state.battery or 0.0, *moves, *logged))
         yield f"arduino_data_{n}", numbers(moves)
         frames = f"odom_{n}", f"base_link_{n}"
         yield f"odom_{n}", odometry(state, stamp, *frames)
         yield "/tf", transforms([(*frames, _planar(state)), *self._room_links(state)], stamp)
+        # A reading each 0.2 s; a lost one is not repeated.
+        if state.battery is not None and state.battery != self._voltage:
+            yield f"battery_{n}", battery_state(state.battery, stamp)
+        self._voltage = state.battery
         if self.simulated:
             yield from self._as_simulator(state, epoch)
         # After /tf: a reader finds the transform of each reading.
