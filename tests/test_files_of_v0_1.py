@@ -44,7 +44,8 @@ def test_the_files_of_a_car_are_used_together(cars):
 def test_every_quantity_of_a_calibration_is_read():
     text = (FILES / "calibration.toml").read_text()
     calibration = parse_calibration(text, "calibration.toml", "dart-01")
-    later = {"throttle.reverse_rest", "throttle.signal_loss", "mocap.marker_x", "mocap.marker_y",
+    later = {"throttle.reverse_rest", "throttle.signal_loss", "throttle.brake",
+             "mocap.marker_x", "mocap.marker_y",
              "mocap.marker_yaw", "mocap.latency", "latency.pulse_to_wheel_lag",
              "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag", "steering.slew_us_s",
              "lidar.mount_x", "lidar.mount_y", "lidar.mount_yaw", "lidar.scale"}

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from esc_pin import FRAMES, Watched, without_stop
+from esc_pin import FRAMES, PULLS, Watched, without_stop
 
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.throttle import (
@@ -63,6 +63,21 @@ def test_the_pulses_of_a_hidden_car_are_found(measured):
         assert abs(pulse - holding_pulse(6, speed)) < 3.5 * std
         assert std < 1.0
     assert watched.pulled_after(watched.world.t) < -0.4
+
+
+def test_the_brake_of_a_hidden_car_is_found(measured):
+    _, result, watched = measured
+    found = result.quantities["throttle.brake"]
+    car = watched.world.car
+    full = car.brake_force / car.vehicle.body.mass * 450.0 / car.esc.saturation_us
+    assert abs(found.value - full) < 3.5 * found.std
+    assert found.std < 0.1 * full
+
+
+def test_pulses_of_the_brake_stay_within_half_of_it(measured):
+    _, _, watched = measured
+    lowest = min(width for _, width in watched.pulses)
+    assert 1500.0 - 0.5 * 450.0 - PULLS < lowest < 1500.0 - 0.25 * 450.0
 
 
 def test_it_keeps_to_its_floor(measured):

@@ -34,6 +34,7 @@ QUANTITY_UNITS = {
     "imu.mount_pitch": "rad", "imu.mount_roll": "rad", "throttle.neutral_us": "us",
     "throttle.deadband_forward_us": "us", "throttle.deadband_reverse_us": "us",
     "throttle.saturation_us": "us", "throttle.reverse_rest": "s", "throttle.signal_loss": "s",
+    "throttle.brake": "m/s2",
     "latency.command_to_pulse": "s", "latency.pulse_to_wheel": "s",
     "latency.pulse_to_wheel_lag": "s", "latency.pulse_to_yaw": "s",
     "latency.pulse_to_yaw_lag": "s", "latency.sensor_to_host": "s", "steering.slew_us_s": "us/s",

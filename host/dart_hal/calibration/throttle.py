@@ -3,6 +3,7 @@
 1. The speed loop brings the car to one speed after the other.
 2. The pulse is then constant, so that the unevenness of the ring has no effect.
 3. The acceleration that remains is subtracted with the force of the paper's motor.
+4. On a straight floor it then measures the brake (``brake``).
 
 The car drives along a straight line as far as the floor allows. On a short floor it drives circles,
 where the drag of the tyres is subtracted too. That makes the result less accurate.
@@ -18,13 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.core.config import CarFiles, DriveTable
+from dart_hal.core.config import CarFiles, DriveTable, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import INTERVAL_90, FloatArray, State
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 
+from . import brake
 from .by_hand import check_wheels_by_hand, explain_standstill
 from .clock import UNMEASURED_CLOCK_STD
 from .measured import Measured
@@ -114,6 +116,17 @@ def select_speeds(room: float) -> tuple[float, ...]:
     return tuple(v for v in STRAIGHT_SPEEDS if floor_for(v) <= room) if room >= MIN_ROOM else ()
 
 
+def select_brake_speed(room: float) -> float:
+    """Speed [m/s] from which the car brakes on a straight floor of length ``room`` [m].
+
+    The floor is long enough for a car without a brake.
+    """
+    fitting = [v for v in STRAIGHT_SPEEDS if v <= brake.MAX_START_SPEED
+               and v * (_acceleration_time(v) + LOOP_SETTLING + PULSE_DELAY)
+               + v**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN <= room]
+    return fitting[-1]
+
+
 def plan(files: CarFiles, room: float = DEFAULT_ROOM) -> ProcedurePlan:
     """Describe what ``measure`` does."""
     speeds = select_speeds(room)
@@ -124,10 +137,13 @@ def plan(files: CarFiles, room: float = DEFAULT_ROOM) -> ProcedurePlan:
             f"circles at {CIRCLE_TARGETS[0]} to {CIRCLE_TARGETS[-1]} m/s to measure the pulse "
             f"that keeps each speed: about {seconds:.0f} s, a level floor of "
             f"{CIRCLE_FLOOR[0]:g} m x {CIRCLE_FLOOR[1]:g} m; no tools", seconds, CIRCLE_FLOOR)
-    seconds = THROTTLE_RUNS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
+    braking = len(brake.choose_parts(files))
+    seconds = (THROTTLE_RUNS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
+               + braking * 6.0)
     return ProcedurePlan(
         f"drives straight {THROTTLE_RUNS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s "
-        f"to measure the pulse that keeps each speed: about {seconds:.0f} s without carrying it "
+        f"to measure the pulse that keeps each speed, brakes {braking} times from "
+        f"{select_brake_speed(room)} m/s: about {seconds:.0f} s without carrying it "
         f"back, a level floor of {room:.1f} m x 1 m; chalk for the start", seconds, (room, 1.0))
 
 
@@ -148,17 +164,22 @@ def measure(bench: Bench, room: float = DEFAULT_ROOM) -> Measured:
         with explain_standstill(car, workshop):
             progress(0.05, "checking the direction")
             _check_direction(car)
-            held = (_drive_straight(car, workshop, log, room, progress) if select_speeds(room)
-                    else _drive_circles(car, log, progress))
+            if select_speeds(room):
+                held = _drive_straight(car, workshop, log, room, progress)
+                found, note = _brake_straight(car, workshop, log, room, progress)
+            else:
+                held = _drive_circles(car, log, progress)
+                found, note = None, f"the brake needs {MIN_ROOM:g} m of straight floor"
     finally:
         car.stop()
     table, residual = make_table(held, files)
     where = f"{room:.1f} m straight" if select_speeds(room) else "circles of 1 m"
     return Measured(
-        files.config.name, bench.source, "throttle", {}, residual,
+        files.config.name, bench.source, "throttle",
+        {"throttle.brake": found} if found else {}, residual,
         next(iter(car.states())).t - start,
         (f"measured with the present charge of the battery and on this floor, {where}",
-         f"90 % interval of a pulse: at most +- {INTERVAL_90 * max(table.std_us):.2f} us"),
+         f"90 % interval of a pulse: at most +- {INTERVAL_90 * max(table.std_us):.2f} us", note),
         others={"throttle.drive": table})
 
 
@@ -207,7 +228,7 @@ def _drive_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
     held = []
     runs = [v for v in select_speeds(room) for _ in range(THROTTLE_RUNS)]
     for k, speed in enumerate(runs):
-        progress(0.1 + 0.9 * k / len(runs), f"{speed} m/s, run {k + 1} of {len(runs)}")
+        progress(0.1 + 0.8 * k / len(runs), f"{speed} m/s, run {k + 1} of {len(runs)}")
         workshop.mark()
         with driving(car) as runner:
             here = rest(runner, car.files.config.steering.center_us)
@@ -216,6 +237,26 @@ def _drive_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
             held.append(_measure_speed(hold, log, speed, car.files, min(
                 max(MEASURED_LENGTH / speed, MEASURED_LENGTH), MAX_MEASURED_TIME)))
     return held
+
+
+def _brake_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
+                    progress: Progress) -> tuple[Quantity | None, str]:
+    """Drive at one speed and brake, several times; see ``brake``."""
+    speed = select_brake_speed(room)
+    parts = brake.choose_parts(car.files)
+    if not parts:
+        return None, "no brake is measured: [limits] min_throttle is 0"
+    found = []
+    for k, part in enumerate(parts):
+        progress(0.9 + 0.1 * k / len(parts), f"braking, run {k + 1} of {len(parts)}")
+        workshop.mark()
+        with driving(car) as runner:
+            here = rest(runner, car.files.config.steering.center_us)
+            hold = _hold_on_line(runner, LineKeeper(car.files, here.pose), speed, here)
+            hold(_acceleration_time(speed) + LOOP_SETTLING, None)
+            found.append(brake.brake(
+                lambda pulse, hold=hold: hold(0.0, pulse)[-1], log, car.files, part))
+    return brake.fit_brake(parts, found, car.files)
 
 
 def _hold_on_line(runner: CalibrationRunner, line: LineKeeper, speed: float, here: State
@@ -379,4 +420,4 @@ calibrate_throttle = Procedure(
                     "car circles on 3.5 m x 3.5 m", DEFAULT_ROOM, "m", 0.0, 30.0,
                     metavar="METRES"),),
     plot=_plot, plot_help="the measured pulses and those of the model",
-    keys=("throttle.drive",), after=("clock", "esc", "encoder"))
+    keys=("throttle.drive", "throttle.brake"), after=("clock", "esc", "encoder"))

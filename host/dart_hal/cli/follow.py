@@ -38,6 +38,7 @@ from dart_hal.control.ending import Phase
 from dart_hal.control.follow import DEFAULT_HALF_WIDTH, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
+from dart_hal.control.measured import throttle_calibration
 from dart_hal.control.mpc.obstacles import Disc
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path as Track
@@ -199,6 +200,9 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
     warnings = [] if car.files.model else [
         "the car has no model.toml: the steering and delay model of the paper is used"
         + (", and bends begin slowly (--no-careful: at once)" if rules.careful else "")]
+    if speed == inf and throttle_calibration(car.files).brake is None:
+        warnings.append(f"the brake was not measured: {plant.brake:.2f} m/s2 is assumed "
+                        "(dart-hal calibrate throttle)")
     if v < cap < inf and speed < inf and track.closed:
         warnings.append(f"{cap:g} m/s is too fast for the tightest bend: the car slows down to "
                         f"{v:.2f} m/s at {track.s[slowest]:.1f} m")

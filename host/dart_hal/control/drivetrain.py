@@ -19,8 +19,9 @@ MIN_MOTOR_SHARE = 0.2
 # least 0.14): the car rolls, and the ESC registers driving forward, so that the next negative pulse
 # brakes.
 COAST_THROTTLE = 0.1
-# Force of the full brake [N], within 10 % that of the virtual ESC; that of DART is unknown.
-BRAKE_FORCE = 8.0
+# What the full brake adds to the deceleration [m/s2] of a car on which it was not measured: 8 N of
+# the virtual ESC at 1.67 kg; that of DART is unknown.
+DEFAULT_BRAKE = 4.8
 # Smallest part of the brake: beyond the dead band of the ESC.
 MIN_BRAKE_SHARE = 0.09
 # Minimum speed for braking [m/s]; below it the car rolls out, because an ESC without a brake would
@@ -33,11 +34,14 @@ Correction = Callable[[float], float]
 class InverseDrive:
     """Throttle for an acceleration by the motor and friction curves of one vehicle.
 
-    correct(speed [m/s]): measured throttle of this car minus that of the curves.
+    correct(speed [m/s]): measured throttle of this car minus that of the curves. brake [m/s2]: what
+    a throttle of -1 adds to the deceleration.
     """
 
-    def __init__(self, vehicle: Vehicle, correct: Correction | None = None) -> None:
+    def __init__(self, vehicle: Vehicle, correct: Correction | None = None,
+                 brake: float = DEFAULT_BRAKE) -> None:
         self._correct = correct
+        self._full_brake = brake * vehicle.body.mass
         self._motor = vehicle.duty_motor
         self.mass = vehicle.body.mass
         self._friction = make_friction(vehicle.friction)
@@ -81,7 +85,7 @@ class InverseDrive:
         force = self.required_force(speed, acceleration)
         if force > 0.0:
             return self.motor(force, speed)
-        part = -force / BRAKE_FORCE
+        part = -force / self._full_brake
         return -part if part > MIN_BRAKE_SHARE and speed > MIN_BRAKING_SPEED else COAST_THROTTLE
 
 

@@ -17,7 +17,6 @@ from math import sqrt
 
 import numpy as np
 
-from dart_hal.control.drivetrain import BRAKE_FORCE
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.profile import MAX_FOLLOWED_ACCELERATION
@@ -138,14 +137,15 @@ class _DriveLimits:
         self._friction = make_friction(p.friction)
         self._mass = p.body.mass
         self._max_throttle = plant.max_throttle
+        self._brake = plant.brake
 
     def forward(self, v: float) -> float:
         force: float = self._drive(self._max_throttle, v)
         return min(max(force / self._mass, 0.0), MAX_LONGITUDINAL)
 
     def backward(self, v: float) -> float:
-        force: float = BRAKE_FORCE - self._friction(v)
-        return min(force / self._mass, MAX_LONGITUDINAL)
+        friction: float = self._friction(v)
+        return min(self._brake - friction / self._mass, MAX_LONGITUDINAL)
 
 
 def _limit_acceleration(max_speed: FloatArray, bend_speed: FloatArray, path: Path,

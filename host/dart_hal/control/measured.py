@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.control.drivetrain import Correction, InverseDrive
+from dart_hal.control.drivetrain import DEFAULT_BRAKE, Correction, InverseDrive
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import ThrottleCalibration
 from dart_hal.core.types import INTERVAL_90
@@ -39,13 +39,25 @@ def make_inverse_drive(files: CarFiles) -> InverseDrive:
     """Return the inverse of the drive train, corrected by the pulses measured at constant speeds.
     """
     vehicle = apply_parameter_effects(vehicle_for(files))
-    return InverseDrive(vehicle, make_correction(files, InverseDrive(vehicle).throttle))
+    measured = throttle_calibration(files).brake
+    return InverseDrive(vehicle, make_correction(files, InverseDrive(vehicle).throttle),
+                        measured.value if measured else DEFAULT_BRAKE)
 
 
 def max_effective_throttle(files: CarFiles) -> float:
     """Return the throttle beyond which the ESC output is saturated."""
     end = throttle_calibration(files).saturation_us
     return min(end.value / files.config.throttle.span_us, 1.0) if end else 1.0
+
+
+def min_brake(files: CarFiles) -> float:
+    """Return what the brake adds to the deceleration [m/s2] at least, within [limits] min_throttle.
+
+    The lower end of the measured 90 % interval, or DEFAULT_BRAKE.
+    """
+    measured = throttle_calibration(files).brake
+    full = measured.value - INTERVAL_90 * measured.std if measured else DEFAULT_BRAKE
+    return full * -max(files.config.limits.min_throttle, -max_effective_throttle(files))
 
 
 def rest_before_reverse(files: CarFiles) -> float:

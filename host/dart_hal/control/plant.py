@@ -9,8 +9,9 @@ from functools import cached_property
 from math import cos, exp, inf, sin
 from typing import NamedTuple
 
+from dart_hal.control.drivetrain import DEFAULT_BRAKE
 from dart_hal.control.lqr import LqrGains, compute_gains
-from dart_hal.control.measured import vehicle_for
+from dart_hal.control.measured import min_brake, vehicle_for
 from dart_hal.control.steady import Steady
 from dart_hal.control.tuning import PULSE_DELAY
 from dart_hal.core.config import CarFiles
@@ -65,13 +66,15 @@ class Plant:
     """A car as the trackers see it.
 
     vehicle: the identified model; lock [rad]: stops of the wheels, right and left; max_throttle:
-    the largest throttle that may be commanded.
+    the largest throttle that may be commanded; brake [m/s2]: what the largest brake adds to the
+    deceleration.
     """
 
     vehicle: Vehicle
     delay: SteeringDelay
     lock: tuple[float, float]
     max_throttle: float = 1.0
+    brake: float = DEFAULT_BRAKE
 
     @cached_property
     def angle_of(self) -> Callable[[float], float]:
@@ -112,7 +115,7 @@ def plant_of(files: CarFiles) -> Plant:
         servo_delay = max(measured.pulse_to_yaw.value, 0.0)
         lag = max(measured.pulse_to_yaw_lag.value, 0.0) if measured.pulse_to_yaw_lag else 0.0
     return Plant(vehicle, SteeringDelay(to_pulse + servo_delay, lag), lock_of(files),
-                 files.config.limits.max_throttle)
+                 files.config.limits.max_throttle, min_brake(files))
 
 
 def lock_of(files: CarFiles) -> tuple[float, float]:

@@ -153,6 +153,9 @@ def sensor_truth(car: HiddenCar) -> dict[str, Any]:
         "throttle.saturation_us": car.esc.saturation_us,
         "throttle.reverse_rest": car.esc.reverse_gap,
         "throttle.signal_loss": car.esc.signal_loss,
+        # Of a pulse of the whole span, not only of the part up to the ESC's saturation.
+        "throttle.brake": car.brake_force / car.vehicle.body.mass * 450.0
+        / car.esc.saturation_us,
         "encoder.metres_per_edge": car.gear_revolution / car.ring_a.n,
         "encoder.ring": list(car.ring_a.fractions),
         "imu.gyro_bias": _yaw_bias(car.imu),

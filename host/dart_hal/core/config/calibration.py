@@ -80,7 +80,8 @@ class ThrottleCalibration(FileTable, frozen=True, kw_only=True):
 
     Dead bands and saturation are offsets from neutral. ``reverse``: when a pulse below neutral
     reverses after driving forward; ``reverse_rest`` [s]: time at neutral after which it does;
-    ``signal_loss`` [s]: time without pulses until the motor has no current.
+    ``signal_loss`` [s]: time without pulses until the motor has no current; ``brake`` [m/s2]: what
+    a throttle of -1 adds to the deceleration after driving forward.
     """
 
     neutral_us: Quantity | None = None
@@ -90,6 +91,7 @@ class ThrottleCalibration(FileTable, frozen=True, kw_only=True):
     reverse: Literal["after_brake", "at_once", "never"] | None = None
     reverse_rest: Quantity | None = None
     signal_loss: Quantity | None = None
+    brake: Quantity | None = None
     drive: DriveTable | None = None
 
 
@@ -214,7 +216,7 @@ CALIBRATION_TABLES = ("pwm", "steering", "throttle", "encoder", "imu", "latency"
 QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "throttle.neutral_us",
               "throttle.deadband_forward_us", "throttle.deadband_reverse_us",
               "throttle.saturation_us", "throttle.reverse_rest", "throttle.signal_loss",
-              "encoder.metres_per_edge", "encoder.ring",
+              "throttle.brake", "encoder.metres_per_edge", "encoder.ring",
               "imu.gyro_bias", "imu.gyro_scale", "imu.mount_yaw", "imu.mount_pitch",
               "imu.mount_roll", "latency.command_to_pulse", "latency.pulse_to_wheel",
               "latency.pulse_to_wheel_lag", "latency.pulse_to_yaw", "latency.pulse_to_yaw_lag",
@@ -225,7 +227,7 @@ QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "t
 MAX_WHEEL_ANGLE = 0.8
 
 _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
-             "throttle.reverse_rest", "throttle.signal_loss",
+             "throttle.reverse_rest", "throttle.signal_loss", "throttle.brake",
              "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale", "lidar.scale"}
 
 

@@ -59,6 +59,7 @@ CALIBRATION_RANGES: Mapping[str, Range] = {
     "throttle.saturation_us": (1.0, 2500.0, "us"),
     "throttle.reverse_rest": (0.0, 60.0, "s"),
     "throttle.signal_loss": (0.0, 60.0, "s"),
+    "throttle.brake": (0.0, 100.0, "m/s2"),
     "encoder.ring": (0.0, 64.0, "of the mean interval"),
     "imu.gyro_bias": (-10.0, 10.0, "rad/s"),
     "imu.gyro_scale": (0.1, 10.0, ""),

@@ -1,0 +1,111 @@
+"""The brake of the ESC, measured at the end of ``calibrate throttle``.
+
+1. The car drives straight at one speed.
+2. A pulse below neutral brakes it, by a quarter or by half of the full brake, or by as much as
+   [limits] min_throttle allows.
+3. A line through the decelerations: its slope belongs to the brake, the rest to friction. What
+   friction changes with the speed is subtracted first, by the paper's friction.
+
+The full brake is extrapolated: it might lock the wheels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import INTERVAL_90, FloatArray, State
+from dart_hal.vehicle.friction import make_friction
+from dart_hal.vehicle.sets import PAPER
+
+from .sensor_log import SensorLog
+from .spin import edge_distances
+
+# m/s from which the car brakes, and below which a pulse might drive it backward.
+MAX_START_SPEED = 1.3
+END_SPEED = 0.3
+# Largest part of the full brake; it and half of it are used so often.
+MAX_PART = 0.5
+REPEATS = 3
+# s after the pulse until only brake and friction act: two PWM frames, delay and lag of the motor.
+SETTLING = 0.1
+# s of braking at most: from 1.3 to 0.3 m/s by friction alone.
+MAX_DURATION = 1.0
+# Edges of a run at least, as of a measurement of a speed.
+MIN_EDGES = 8
+# Relative error of the paper's friction, in what it changes between the speeds of two runs.
+FRICTION_STD = 0.3
+# m/s2 of a brake that is there: a tenth of a usual one.
+MIN_BRAKE = 0.5
+# 95 % quantile of Student's distribution with the degrees of freedom of six runs and two numbers.
+STUDENT_95 = 2.132
+
+HoldFrame = Callable[[float], State]
+"""(pulse [us]) -> State: holds a pulse for one frame, along the line."""
+
+
+def choose_parts(files: CarFiles) -> tuple[float, ...]:
+    """Return the part of the full brake of each run; () if [limits] min_throttle forbids it."""
+    largest = min(MAX_PART, -files.config.limits.min_throttle)
+    return (0.5 * largest, largest) * REPEATS if largest > 0.0 else ()
+
+
+def brake(hold: HoldFrame, log: SensorLog, files: CarFiles, part: float
+          ) -> tuple[float, float]:
+    """Brake by a part of the full brake down to END_SPEED.
+
+    Returns (mean speed [m/s], deceleration [m/s2]). Raises CalibrationFailed for too few edges.
+    """
+    pulse = files.neutral_us - part * files.config.throttle.span_us
+    state = hold(pulse)
+    begin = state.t
+    settled = False
+    while state.speed > END_SPEED and state.t - begin < MAX_DURATION:
+        if not settled and state.t - begin >= SETTLING:
+            log.pairs()
+            settled = True
+        state = hold(pulse)
+    samples = [sample for sample, _ in log.pairs()]
+    t, x = edge_distances(samples, files.metres_per_edge.value) if samples else ([], [])
+    if not settled or len(t) < MIN_EDGES:
+        raise CalibrationFailed(
+            "too few edges while the car brakes", found=f"{len(t)} edges",
+            expected=f"at least {MIN_EDGES}",
+            likely="the wheels lock: the floor is slippery, or the brake of the ESC is very strong",
+            remedy="a floor with grip, or a weaker brake in the settings of the ESC")
+    bend, speed, _ = np.polyfit(t - np.mean(t), x, 2)
+    return float(speed), float(-2.0 * bend)
+
+
+def fit_brake(parts: Sequence[float], runs: Sequence[tuple[float, float]], files: CarFiles
+              ) -> tuple[Quantity | None, str]:
+    """Fit what the full brake adds to the deceleration; return it with a note.
+
+    parts (n,): of the full brake; runs (n,): mean speeds [m/s], decelerations [m/s2]. The Quantity
+    [m/s2] is None if the decelerations do not depend on the part: the ESC has no brake.
+    """
+    x: FloatArray = np.asarray(parts, dtype=float)
+    speed, deceleration = np.asarray(runs, dtype=float).T
+    friction = make_friction(PAPER.friction)
+    slower: FloatArray = np.array([-friction(v) for v in speed]) / PAPER.body.mass
+    # Relative to the mean, so that the rest of the line is all of the friction.
+    slower -= slower.mean()
+    y: FloatArray = deceleration - slower
+    slope, offset = np.polyfit(x, y, 1)
+    residual = y - offset - slope * x
+    spread = math.sqrt(float(residual @ residual) / (len(x) - 2))
+    # Student's interval of the slope, as the standard error that gives the same 90 % interval.
+    std = STUDENT_95 / INTERVAL_90 * spread / math.sqrt(float(np.sum((x - x.mean()) ** 2)))
+    metres = files.metres_per_edge
+    std = math.hypot(std, FRICTION_STD * float(np.polyfit(x, slower, 1)[0]),
+                     float(slope) * metres.std / metres.value)
+    if slope < max(MIN_BRAKE, INTERVAL_90 * std):
+        return None, (f"caution: no brake was found ({slope:.2f} +- {std:.2f} m/s2 of the full "
+                      "pulse below neutral): check the setting of the ESC")
+    return Quantity(float(slope), std, f"{len(x)} times from straight driving"), (
+        f"friction while braking {offset:.2f} m/s2; the full brake is extrapolated from "
+        f"{max(parts):g} of it")
