@@ -12,24 +12,26 @@ from dart_lab.identification.experiment.floor import Floor
 
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
-from .library import CHOICES, DEFAULT_FLOOR, Progress, RehearsedDrive, rehearse_choices
+from .library import CHOICES, Progress, RehearsedDrive, default_floor, rehearse_choices
 from .predict import predict_hardest_pair
 from .question import ConfounderQuestion, make_question
 from .race import DriveSimulation
 from .result import Pair, Suggestion, TriedDrive
 
 
-def suggest(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLOOR, seed: int = 0,
+def suggest(diagnosis: Diagnosis, *, floor: Floor | None = None, seed: int = 0,
             progress: Progress | None = None, model: ModelFile | None = None,
             policy: Policy = USUAL) -> tuple[Suggestion, ...]:
     """Suggest the drive that distinguishes each cause from its confounders.
 
-    floor: free floor. seed: of the simulated repeats. model: of the car that drives, for the
-    rehearsal (None: the paper's). policy: thresholds. Returns nothing if no cause has confounders.
+    floor: free floor (None: that of ``default_floor``). seed: of the simulated repeats. model: of
+    the car that drives, for the rehearsal (None: the paper's). policy: thresholds. Returns nothing
+    if no cause has confounders.
     """
     confounded = [cause for cause in diagnosis.causes if cause.cannot_be_told_from]
     if not confounded:
         return ()
+    floor = floor or default_floor(diagnosis.extended.body)
     policy = policy.at_scale(find_scale(diagnosis.extended.body))
     drives = _CachedIterator(rehearse_choices(floor, model))
     out = []

@@ -3,6 +3,10 @@
 The experiments command a duty cycle. For a car with a speed loop they are rehearsed with a motor of
 duty on the same body; the commanded speed is then the speed of that drive, and 0 where it coasts.
 So the path needs the same floor.
+
+Floor, speeds and times of the experiments are those of a car of 1:10. For a car of another size a
+similar car of that size is rehearsed (``dart_hal.vehicle.scale``), and its commands are stretched
+in time.
 """
 
 from __future__ import annotations
@@ -18,14 +22,17 @@ from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.flat import unit, values, with_values
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale, SizedBody, find_scale
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.experiment.floor import Floor
 
 from .virtual import VirtualCommands
 
-DEFAULT_FLOOR = Floor(10.0, 10.0)
+# [m] Side of the floor for a car of 1:10, if none is given.
+FLOOR_SIDE = 10.0
 Progress = Callable[[float, str], None]
 REST_S = 0.5  # standstill before and after
 QUARTER_TURN = 0.5 * np.pi  # rad
@@ -56,7 +63,8 @@ class Choice:
 class RehearsedDrive:
     """A choice on a floor: commands of each part, shell commands, and duration.
 
-    shell_commands: empty for a car with a speed loop, which `dart-hal experiment` does not drive.
+    shell_commands: empty for a car with a speed loop or of another size than 1:10, which `dart-hal
+    experiment` does not drive.
     """
 
     choice: Choice
@@ -97,35 +105,62 @@ CHOICES: tuple[Choice, ...] = (
     Choice("delay", "throttle steps; sine, chirp and steps of the steering", (Part("delay"),)))
 
 
+def default_floor(body: SizedBody) -> Floor:
+    """Return the floor of a car of that size: 10 m x 10 m at 1:10.
+
+    >>> from dart_hal.vehicle import PAPER
+    >>> str(default_floor(PAPER.body))
+    '10 m x 10 m'
+    """
+    side = FLOOR_SIDE * find_scale(body).length
+    return Floor(side, side)
+
+
 def rehearse_choices(floor: Floor, model: ModelFile | None = None,
                      choices: tuple[Choice, ...] = CHOICES) -> Iterator[RehearsedDrive]:
     """Iterate over the choices that fit on the floor.
 
     model: of the car that drives; None = the paper's.
     """
-    is_speed = model is not None and vehicle_of(model).drive == "speed"
-    files = _files(_with_duty_motor(vehicle_of(model)) if is_speed and model is not None else model)
+    car = None if model is None else vehicle_of(model)
+    scale = REFERENCE_SCALE if car is None else find_scale(car.body)
+    is_speed = car is not None and car.drive == "speed"
+    if car is not None and (is_speed or scale != REFERENCE_SCALE):
+        duty = _with_duty_motor(car) if is_speed else car
+        files = _files(model_of(_similar_car(duty, scale)))
+    else:
+        files = _files(model)
+    similar_floor = Floor(floor.length / scale.length, floor.width / scale.length)
     commands_by_name: dict[str, VirtualCommands | None] = {}
     for choice in choices:
         for part in choice.parts:
             if part.experiment not in commands_by_name:
                 commands_by_name[part.experiment] = (
                     _paper_commands(part.experiment, floor) if model is None
-                    else _commands(part.experiment, files, floor, is_speed))
+                    else _commands(part.experiment, files, similar_floor, is_speed, scale))
         commands = [c for part in choice.parts
                     if (c := commands_by_name[part.experiment]) is not None]
         if len(commands) == len(choice.parts):
             yield RehearsedDrive(choice, tuple(commands),
-                                 () if is_speed else shell_commands(choice, floor),
+                                 () if is_speed or scale.length != 1.0
+                                 else shell_commands(choice, floor),
                                  sum(c.seconds for c in commands))
 
 
-def _with_duty_motor(p: Vehicle) -> ModelFile:
+def _similar_car(p: Vehicle, scale: Scale) -> Vehicle:
+    """Return the car of 1:10 whose motion is similar to that of a car of that scale."""
+    if scale == REFERENCE_SCALE:
+        return p
+    return with_values(p, {name: number / scale.factor(unit(p, name))
+                           for name, number in values(p).items()})
+
+
+def _with_duty_motor(p: Vehicle) -> Vehicle:
     """Return the car with the paper's motor and friction, scaled to its mass."""
     scale = p.body.mass / PAPER.body.mass
     motor = replace(PAPER.duty_motor, d=scale * PAPER.duty_motor.d, e=scale * PAPER.duty_motor.e)
     friction = replace(PAPER.friction, a=scale * PAPER.friction.a, c=scale * PAPER.friction.c)
-    return model_of(replace(p, motor=motor, friction=friction))
+    return replace(p, motor=motor, friction=friction)
 
 
 def shell_commands(choice: Choice, floor: Floor) -> tuple[str, ...]:
@@ -151,11 +186,12 @@ def _files(model: ModelFile | None) -> CarFiles:
     return replace(files, calibration=None, model=model)
 
 
-def _commands(name: str, files: CarFiles, floor: Floor, is_speed: bool = False
-              ) -> VirtualCommands | None:
+def _commands(name: str, files: CarFiles, floor: Floor, is_speed: bool = False,
+              scale: Scale = REFERENCE_SCALE) -> VirtualCommands | None:
     """Rehearse an experiment and return its commands; None if it does not fit.
 
-    is_speed: commanded speeds [m/s] in place of throttles.
+    is_speed: commanded speeds [m/s] in place of throttles. scale: of the car that drives; the
+    rehearsal is that of the similar car of 1:10.
     """
     # Imported here because it takes 0.3 s, and every diagnosis loads this module.
     from dart_lab.identification.experiment.make import make_plan
@@ -165,7 +201,7 @@ def _commands(name: str, files: CarFiles, floor: Floor, is_speed: bool = False
         _, drive = rehearse_plan(make_plan(name, files, floor, None), files)
     except ExperimentFailed:
         return None
-    t = np.array([f.t for f in drive.frames])
+    t = np.array([f.t for f in drive.frames]) * scale.time
     grid = np.arange(0.0, t[-1], SAMPLE)
     index = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 1)
 
@@ -173,6 +209,6 @@ def _commands(name: str, files: CarFiles, floor: Floor, is_speed: bool = False
         rest = np.zeros(round(REST_S / SAMPLE))
         return np.concatenate([rest, np.array(values)[index], rest])
 
-    throttle = [(f.speed if f.throttle > 0.0 else 0.0) if is_speed else f.throttle
+    throttle = [(f.speed * scale.speed if f.throttle > 0.0 else 0.0) if is_speed else f.throttle
                 for f in drive.frames]
     return VirtualCommands(series(throttle), series([f.steering for f in drive.frames]))

@@ -32,7 +32,7 @@ from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
 from ..search.fit import evaluate_point
 from .evidence import LOG_TIMING, Setting, make_setting
-from .library import CHOICES, DEFAULT_FLOOR, Progress, RehearsedDrive, rehearse_choices
+from .library import CHOICES, Progress, RehearsedDrive, default_floor, rehearse_choices
 from .virtual import record
 
 DIFFERENCE_STEP = 0.05  # prior standard deviations, central differences
@@ -81,7 +81,7 @@ class ParameterDrive:
                 "by_hand": self.by_hand}
 
 
-def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLOOR,
+def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor | None = None,
                              model: ModelFile | None = None, progress: Progress | None = None,
                              policy: Policy = USUAL) -> tuple[ParameterDrive, ...]:
     """Suggest for each claim the shortest drive that reduces its errors enough, else the best.
@@ -90,6 +90,7 @@ def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLO
     """
     if not diagnosis.claims:
         return ()
+    floor = floor or default_floor(diagnosis.extended.body)
     scaled = policy.at_scale(find_scale(diagnosis.extended.body))
     information = ParameterInformation(diagnosis, scaled)
     drives: list[tuple[RehearsedDrive, FloatArray]] = []
