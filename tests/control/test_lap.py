@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from dart_hal.control import raceline as lines
 from dart_hal.control.lap import BEND_SPEED_SHARE, MAX_LONGITUDINAL, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
-from dart_hal.control.raceline import raceline
+from dart_hal.control.raceline import minimum_time_line, raceline
 from dart_hal.control.steady import CURVATURES, SPEEDS, Steady
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
@@ -21,6 +22,7 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.sets import PAPER
 from studies.control.light_follow import LATER, plant_by
+from studies.control.line_figures import drive_laps
 
 PLANT = plant_by(LATER)
 
@@ -131,6 +133,34 @@ def test_a_raceline_stays_in_the_lane_and_is_quicker():
         left.append(path.offset(x, y, s))
     assert np.abs(left).max() < 0.205
     assert speed_profile(line, PLANT, 5.0).time < 0.9 * speed_profile(path, PLANT, 5.0).time
+
+
+def test_a_minimum_time_line_is_repeatable_in_the_lane_and_no_slower(monkeypatch):
+    monkeypatch.setattr(lines, "TRIES", 40)
+    monkeypatch.setattr(lines, "START_WEIGHTS", ())
+    path = track_named("savoiardo")
+    line = minimum_time_line(path, 0.2, PLANT, 5.0)
+    again = minimum_time_line(path, 0.2, PLANT, 5.0)
+    assert np.array_equal(line.x, again.x)
+    s = 0.0
+    for x, y in zip(line.x[::3], line.y[::3], strict=True):
+        s = path.closest(x, y, s)
+        assert abs(path.offset(x, y, s)) < 0.205
+    least_curvature = raceline(path, 0.2, PLANT, 5.0)
+    assert (speed_profile(line, PLANT, 5.0).time
+            <= speed_profile(least_curvature, PLANT, 5.0).time)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "gain"), [("racetrack_vicon_2", 0.008), ("savoiardo", 0.001)])
+def test_a_minimum_time_line_is_faster_and_driven_as_predicted(name, gain):
+    path = track_named(name)
+    line = minimum_time_line(path, 0.3, PLANT, 5.0)
+    least_curvature = speed_profile(raceline(path, 0.3, PLANT, 5.0), PLANT, 5.0).time
+    assert speed_profile(line, PLANT, 5.0).time < (1.0 - gain) * least_curvature
+    predicted, driven, _, why = drive_laps(line, 5.0)
+    assert why == "the path is driven"
+    assert driven == pytest.approx(predicted, rel=0.03)
 
 
 def test_racelines_that_cannot_be():
