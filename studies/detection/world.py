@@ -29,12 +29,14 @@ BEAMS_PER_PART = 20
 @dataclass(frozen=True)
 class Scene:
     """drive: of the own car; other (n, 3): axle of the other car at ``drive.t``, None without one;
-    speed: its speed (n,); hits: beams that truly ended on it, of each scan."""
+    speed: its speed (n,); hits: beams that truly ended on it, of each scan; walks (n, 4): x, y,
+    course, distance of each person."""
 
     drive: Drive
     other: FloatArray | None
     speed: FloatArray
     hits: list[int]
+    walks: list[FloatArray]
 
     def true(self, t: float) -> FloatArray:
         """x, y, yaw, speed of the other car."""
@@ -57,11 +59,14 @@ def scene(seed: int, *, car: bool = True, people: int = 1, speed: float = 1.0,
         velocity = np.hypot(*np.gradient(other[:, :2], DT, axis=0).T)
     hits: list[int] = []
     scans = list(_scans(own, hid, other, walks, np.random.default_rng([seed, 32]), hits))
-    return Scene(replace(own, scans=scans), other, velocity, hits)
+    return Scene(replace(own, scans=scans), other, velocity, hits, walks)
 
 
 def _driven(room: RoomMap, speed: float, n: int, rng: np.random.Generator) -> FloatArray:
-    """Axle poses (n, 3) of a car that is slow and fast in turn, by up to 1.5 m/s2."""
+    """Axle poses (n, 3) of a car that is slow and fast in turn, up to 1.5 m/s2; 0 m/s: at rest."""
+    if speed == 0.0:
+        way = wander(room, 1.0, 1.0, rng)
+        return np.repeat(way[:1, :3], n, axis=0)
     way = wander(room, speed, 1.5 * n * DT, rng)
     t = DT * np.arange(n)
     share = 1.0 + 0.35 * np.sin(rng.uniform(0.6, 1.2) * t + rng.uniform(0.0, 6.3))

@@ -96,6 +96,8 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--lane", 0.9), "a lane of 0.40 m"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "must be above 0 m"),
+    (("savoiardo", "--speed", 1, "--minimum-time"), "needs a lane for the line"),
+    (("savoiardo", "--speed", 1, "--detect-cars"), "add --poses lidar:MAP.yaml"),
 ])
 @pytest.mark.slow_except("arguments[0-46-9]*", "arguments1[0-3]*")
 def test_what_cannot_be(verb, arguments, message):

@@ -77,6 +77,40 @@ def test_one_that_is_heard_is_where_it_has_driven_since():
     assert on.room == pytest.approx(still.room + 0.3, abs=0.01)
 
 
+def test_between_its_data_it_follows_the_bend():
+    """After 1 s at 1 m/s along a circle of 1 m its tangent is 0.46 m off the path."""
+    circle = Path([(2.0 * pi, 1.0)], closed=True)
+    found = judge_traffic(place_car(1.0, 0.0, path=circle, speed=1.0, age=1.0, speed_std=0.1),
+                          s=0.5, passes=False, path=circle)
+    later = judge_traffic(place_car(2.0, 0.0, path=circle), s=0.5, passes=False, path=circle)
+    assert found.room == pytest.approx(later.room, abs=0.01)
+
+
+def test_doubt_of_its_speed_takes_room_and_lengthens_the_obstacle():
+    exact = judge_traffic(place_car(3.0, 0.0)).room
+    assert judge_traffic(place_car(3.0, 0.0, along_std=0.2)).room == pytest.approx(exact - 0.4)
+    assert judge_traffic(place_car(3.0, 0.2, speed_std=0.1)).obstacles[0].spread == 0.2
+
+
+def test_one_that_is_lost_beside_the_car_remains_an_obstacle():
+    """The car stops, and does not steer back into it; one that was never passed is no obstacle."""
+    found = judge_traffic(place_car(1.2, 0.2))
+    assert found.obstacles
+    found.judge(0.1, 1.0, 1.0, [place_car(1.2, 0.2, lost=True)])
+    assert len(found.obstacles) == 1
+    assert (found.speed, found.wait) == (0.0, TrafficWait.LOST)
+    assert judge_traffic(place_car(1.2, 0.2, lost=True)).obstacles == ()
+
+
+def test_noise_does_not_end_a_passage_that_has_begun():
+    """In a lane of 0.3 m, 0.12 m off the path suffice to be passed, 0.115 m do not."""
+    found = judge_traffic(place_car(1.5, 0.142))
+    assert found.wait is TrafficWait.FREE
+    found.judge(0.1, 1.0, 1.0, [place_car(1.5, 0.137)])
+    assert found.wait is TrafficWait.FREE
+    assert judge_traffic(place_car(1.5, 0.137)).wait is TrafficWait.BEHIND
+
+
 def test_doubt_of_its_place_takes_room():
     exact = judge_traffic(place_car(3.0, 0.0)).room
     assert judge_traffic(place_car(3.0, 0.0, std=0.1)).room == pytest.approx(exact - 0.2,

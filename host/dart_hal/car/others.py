@@ -1,6 +1,7 @@
-"""A follower among the other cars of its room: overtakes them, or waits for them.
+"""A follower among other cars: overtakes them, or waits for them.
 
-``control.traffic`` decides by their messages; this car sends its own plan.
+``control.traffic`` decides, by their messages and by their tracks in the own scans; this car sends
+its own plan.
 """
 
 from __future__ import annotations
@@ -15,16 +16,21 @@ from dart_hal.control.mpc.model import STAGE_PERIOD
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.traffic import NearbyCar, PathTraffic, TrafficWait
 from dart_hal.core.types import MotionEstimate
+from dart_hal.estimation.localisation.source import LidarPoses
+from dart_hal.estimation.other_cars.memory import list_nearby
 
 
 class Others:
     """The other cars, for a follower: ``update`` before each of its answers, ``publish`` after it.
 
-    received: names of the cars of which a pose was received.
+    member: sends and receives messages; lidar: tracks cars in the scans; None: without. received:
+    names of the cars of which a pose was received, or that were tracked.
     """
 
-    def __init__(self, member: Member, follower: Follower) -> None:
+    def __init__(self, member: Member | None, follower: Follower,
+                 lidar: LidarPoses | None = None) -> None:
         self.member = member
+        self.lidar = lidar
         self.follower = follower
         self.received: set[str] = set()
         self._traffic: PathTraffic | None = None
@@ -45,8 +51,9 @@ class Others:
         A car with poses in another frame ends the drive.
         """
         follower = self.follower
-        found = self.member.other_poses()
-        self.received |= found.keys()
+        found = self.member.other_poses() if self.member else {}
+        tracked = list_nearby(self.lidar.cars, motion.t) if self.lidar else []
+        self.received |= found.keys() | {car.name for car in tracked}
         if follower.phase in (Phase.WAITING, Phase.ENDED):
             return
         for name, other in found.items():
@@ -55,7 +62,7 @@ class Others:
                               f"{motion.frame!r}", good=False)
                 return
         traffic = self.traffic
-        traffic.judge(motion.t, follower.tracker.s, motion.speed, [
+        traffic.judge(motion.t, follower.tracker.s, motion.speed, tracked + [
             NearbyCar(name, o.pose, o.speed, o.age, o.lost) for name, o in found.items()])
         follower.free = traffic.speed
         if isinstance(follower.tracker, Contouring):
@@ -69,7 +76,8 @@ class Others:
         """
         tracker = self.follower.tracker
         traffic = self.traffic
-        if tracker.plan_log and isinstance(tracker, Contouring) and tracker.plan is not None:
+        if (self.member and tracker.plan_log and isinstance(tracker, Contouring)
+                and tracker.plan is not None):
             plan = tracker.plan
             self.member.tell_plan(plan.states[:, :4], step=STAGE_PERIOD, t=plan.t)
         return {"room": traffic.room if traffic.room < inf else -1.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -39,16 +39,18 @@ from dart_hal.control.follow import DEFAULT_HALF_WIDTH, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.measured import throttle_calibration
-from dart_hal.control.mpc.obstacles import Disc
+from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH, Disc
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path as Track
-from dart_hal.control.plant import plant_of
-from dart_hal.control.raceline import raceline
+from dart_hal.control.plant import Plant, plant_of
+from dart_hal.control.raceline import minimum_time_line, raceline
 from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import MotionEstimate, State
 from dart_hal.estimation.localisation.health import Status
+from dart_hal.estimation.localisation.source import LidarPoses
+from dart_hal.estimation.other_cars.rectangle import CarSize
 
 # The keys + and - change the speed by this step [m/s], not below the minimum [m/s].
 KEY_SPEED_STEP = 0.1
@@ -77,12 +79,17 @@ COMMAND_SOURCE = "follow"
               help="join this fleet room (udp://.., zenoh://.., local://..): other cars on the "
                    "path are overtaken (mpcc, ca-mpcc), or the car waits for them")
 @room_key_option
+@click.option("--detect-cars", "detect", is_flag=True,
+              help="detect other cars in the scans (--poses lidar:MAP): they are overtaken or "
+                   "waited for, as those of --room")
 @click.option("--compiled", is_flag=True,
               help="plan with generated C (mpcc); needs the extra mpc and a C compiler")
 @click.option("--laps", type=click.IntRange(min=1), default=1, show_default=True,
               help="laps of a closed path")
 @click.option("--raceline", "half_width", type=FiniteNumber(0.0, 1.0), default=None, metavar="M",
               help="cut the bends of a closed path by up to M metres to either side")
+@click.option("--minimum-time", "shortest", is_flag=True,
+              help="search the line with the shortest lap time (with --raceline); takes some 20 s")
 @click.option("--reverse", is_flag=True, help="drive from the end of the path to its start")
 @click.option("--here", is_flag=True, help="shift the path so that it begins at the pose of the "
                                            "car")
@@ -101,10 +108,11 @@ COMMAND_SOURCE = "follow"
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str | None, weights: str | None, discs: tuple[Disc, ...],
-            room: str | None, room_key: Path | None, compiled: bool, laps: int,
-            half_width: float | None, reverse: bool, here: bool, odometry: bool, lane: float,
-            careful: bool | None, duration: float | None, record: Path | None, plot: Path | None,
-            waive: tuple[str, ...], poses: str | None, lidar: str | None, as_json: bool) -> int:
+            room: str | None, room_key: Path | None, detect: bool, compiled: bool, laps: int,
+            half_width: float | None, shortest: bool, reverse: bool, here: bool, odometry: bool,
+            lane: float, careful: bool | None, duration: float | None, record: Path | None,
+            plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
+            as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     Place the car within 1 m of the path, along it; the path is in the frame of the poses. The car
@@ -114,16 +122,21 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if profile == (speed is not None):
         raise UsageError("one speed is required", expected="one of --speed M/S and --profile",
                          remedy=f"dart-hal follow {path} --speed 1")
+    if shortest and half_width is None:
+        raise UsageError("--minimum-time needs a lane for the line", expected="--raceline M",
+                         remedy=f"dart-hal follow {path} --profile --raceline 0.3 --minimum-time")
     # At the limit of the tyres only a tracker that plans its speed has a margin for model errors.
     make = choose_tracker(tracker or ("mpcc" if profile else "lqr"), discs, compiled, lane, weights)
     track = track_named(path).reversed() if reverse else track_named(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
     with open_car(url, car_name, cars, record, poses, lidar) as car:
         rules = replace(rules, careful=not car.files.model if careful is None else careful)
-        follower = make_follower(car, track, speed or inf, make, rules, half_width)
+        follower = make_follower(car, track, speed or inf, make, rules, half_width,
+                                 minimum_time_line if shortest else raceline)
         summary = RunSummary(car)
         with (nullcontext() if room is None else join(car, room, room_key=room_key)) as member:
-            others = Others(member, follower) if member else None
+            tracked = track_cars(car) if detect else None
+            others = Others(member, follower, tracked) if member or tracked else None
             follow(car, follower, waive, others)
             car.stop()
         found = {**summary.as_json({"recording": record} if record else {})}
@@ -144,6 +157,22 @@ def are_poses_silent(car: Car) -> bool:
     """
     by_lidar = car.has_lidar and car.lidar.localiser is not None
     return car.lidar.located if by_lidar else True
+
+
+def track_cars(car: Car) -> LidarPoses:
+    """Let the localisation by the lidar track other cars of the size of this one; return it.
+
+    Raises UsageError without such a localisation.
+    """
+    localiser = car.lidar.localiser if car.has_lidar else None
+    if localiser is None:
+        raise UsageError("--detect-cars needs the pose by the lidar", found="other poses",
+                         expected="--poses lidar:MAP.yaml", likely="no --poses",
+                         remedy="add --poses lidar:MAP.yaml, or use --room")
+    body = car.files.config.geometry
+    localiser.track_cars(CarSize(body.length or 2.0 * HALF_LENGTH, body.width or 2.0 * HALF_WIDTH,
+                                 body.l_r))
+    return localiser
 
 
 def describe_missing_pose(car: Car) -> str:
@@ -175,11 +204,12 @@ def choose_tracker(name: str, discs: tuple[Disc, ...], compiled: bool, lane: flo
 
 
 def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Rules,
-                  half_width: float | None) -> Follower:
+                  half_width: float | None,
+                  find_line: Callable[[Track, float, Plant, float], Track] = raceline) -> Follower:
     """Return the controller of the drive, and show notices about it. Raises UsageError.
 
     speed [m/s]: upper limit, the speed limit of the car applies as well. half_width [m]: of the
-    race line, None for the path as it is.
+    race line, None for the path as it is; find_line: ``raceline`` or ``minimum_time_line``.
     """
     if not car.drives:
         raise UsageError(f"{car.url} has no actuators", expected="a car with its I2C bus",
@@ -189,7 +219,7 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
     max_speed = car.files.config.limits.max_speed
     cap = min(speed, max_speed)
     if half_width is not None:
-        track = raceline(track, half_width, plant, cap)
+        track = find_line(track, half_width, plant, cap)
     follower = Follower(track, plant, cap, tracker, rules, max_speed)
     # Planners end their search after a budget of time on this clock.
     follower.clock = lambda: car.now

@@ -2,8 +2,11 @@
 
 Each is a disc around its centre that contains its body at any heading. If the disc leaves a passage
 within the lane it becomes an obstacle of the plan. Otherwise the car drives no faster than it can
-stop before it, and starts again when it has gone. A car without recent messages is assumed at its
-last position and is not passed.
+stop before it, and starts again when it has gone. A car without recent data is assumed at its last
+position and is not passed. One that is lost while it is being passed stays an obstacle, so that the
+car does not steer back into it.
+
+Between its data a car drives along the path at constant speed, with a growing uncertainty.
 """
 
 from __future__ import annotations
@@ -19,11 +22,11 @@ from dart_hal.control.mpc.obstacles import (
     HALF_LENGTH,
     HALF_WIDTH,
     LATERAL_MARGIN,
+    OBSTACLE_LANE_MARGIN,
     Obstacle,
     required_offset,
 )
 from dart_hal.control.mpc.reference import PathReference
-from dart_hal.control.mpc.tracker import OBSTACLE_LANE_MARGIN
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose, TextEnum
 
@@ -38,6 +41,8 @@ MIN_TARGET_SPEED = 0.2
 MIN_START_SPEED = 0.3
 # Additional width of a passage after waiting [m].
 RESTART_MARGIN = 0.03
+# Width [m] that may be missing in a passage that has begun: noise of the position.
+KEEP_MARGIN = 0.02
 
 
 class TrafficWait(TextEnum):
@@ -52,7 +57,8 @@ class NearbyCar(NamedTuple):
     """Another car.
 
     pose: of its rear axle, in the frame of the own poses; speed [m/s]; age [s]: of both;
-    lost: its last message is too old.
+    lost: its last data are too old; speed_std [m/s]; along_std [m]: standard error along its path
+    by its age.
     """
 
     name: str
@@ -60,6 +66,8 @@ class NearbyCar(NamedTuple):
     speed: float
     age: float
     lost: bool
+    speed_std: float = 0.0
+    along_std: float = 0.0
 
 
 class PathTraffic:
@@ -83,19 +91,22 @@ class PathTraffic:
         self.who = ""
         self.seconds = dict.fromkeys(TrafficWait, 0.0)
         self._t = inf
+        self._passed: frozenset[str] = frozenset()
 
     def judge(self, t: float, s: float, speed: float, others: Iterable[NearbyCar]) -> None:
         """Update at t [s], with the rear axle at arc length s [m] and a speed [m/s].
 
         1. Locate each car on the path ahead.
-        2. Pass it if the tracker can, its messages are recent and the passage is wide enough.
-        3. Otherwise keep the speed from which the car still stops before it.
+        2. Pass it if the tracker can, its data are recent and the passage is wide enough.
+        3. Otherwise keep the speed from which the car still stops before it. If it is being
+           passed already, it remains an obstacle as well.
         """
         self.seconds[self.wait] += max(t - self._t, 0.0)
         self._t = t
         last_who = self.who
         sight = stopping_distance(max(speed, 1.0)) + 2.0 * self._rear + 1.0
         passing = []
+        passed: set[str] = set()
         room = inf
         wait = TrafficWait.FREE
         who = ""
@@ -109,14 +120,21 @@ class PathTraffic:
                 - required_offset(obstacle)
                 - (RESTART_MARGIN if other.name == last_who else 0.0)
             )
-            if self._passes and not other.lost and passage >= 0.0:
+            was_passed = self._passes and other.name in self._passed
+            least = -KEEP_MARGIN if was_passed else 0.0
+            is_free = self._passes and not other.lost and passage >= least
+            if is_free or (was_passed and passage > -OBSTACLE_LANE_MARGIN):
                 passing.append(obstacle)
+                passed.add(other.name)
+            if is_free:
                 continue
-            distance = obstacle.s - s - self._rear - obstacle.radius - HALF_LENGTH - STOP_GAP
+            distance = (obstacle.s - s - self._rear - obstacle.radius - HALF_LENGTH - STOP_GAP
+                        - POSE_STD_FACTOR * other.along_std)
             if distance < room:
                 room = distance
                 wait = TrafficWait.LOST if other.lost else TrafficWait.BEHIND
                 who = other.name
+        self._passed = frozenset(passed)
         self.obstacles = tuple(passing)
         self.room = room
         self.wait = wait
@@ -131,9 +149,8 @@ class PathTraffic:
     def _locate(self, other: NearbyCar, t: float, s: float, sight: float) -> Obstacle | None:
         """Return a car as an obstacle on the path ahead, or None."""
         pose = other.pose
-        travel = 0.0 if other.lost else other.speed * other.age
-        x, y = (place + (self._rear + travel) * part for place, part in (
-            (pose.x, cos(pose.yaw)), (pose.y, sin(pose.yaw))))
+        x = pose.x + self._rear * cos(pose.yaw)
+        y = pose.y + self._rear * sin(pose.yaw)
         radius = BODY_RADIUS + POSE_STD_FACTOR * float(np.sqrt(max(pose.cov[0, 0], pose.cov[1, 1])))
         if not self._path.closed:
             sight = min(sight, max(self._path.length - s, 0.0) + 1.0)
@@ -145,9 +162,11 @@ class PathTraffic:
         heading = float(headings[k])
         along = cos(heading) * dx + sin(heading) * dy
         offset = cos(heading) * dy - sin(heading) * dx
-        is_behind = k == 0 and along < -self._rear
+        speed = 0.0 if other.lost else other.speed * cos(pose.yaw - heading)
+        travel = speed * other.age
+        is_behind = k == 0 and along + travel < -self._rear
         is_beyond = k == len(s_ahead) - 1 and along > 0.1
         if is_behind or is_beyond or abs(offset) > radius + HALF_WIDTH + LATERAL_MARGIN:
             return None
-        speed = 0.0 if other.lost else other.speed * cos(pose.yaw - heading)
-        return Obstacle(float(s_ahead[k]) + along, offset, radius, speed, t)
+        return Obstacle(float(s_ahead[k]) + along + travel, offset, radius, speed, t,
+                        POSE_STD_FACTOR * other.speed_std)

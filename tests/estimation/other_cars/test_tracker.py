@@ -47,6 +47,41 @@ def test_control_a_car_of_another_size_is_not_followed(monkeypatch):
     assert not errors.rows
 
 
+@pytest.mark.slow
+def test_a_car_at_rest_is_found_and_nothing_else_is_where_nothing_is():
+    errors = Errors()
+    evaluate(scene(700, speed=0.0, seconds=15.0), errors)
+    rows = np.array(errors.rows)
+    assert len(rows) > 40
+    assert np.mean(rows[:, 1] < 0.05) > 0.9
+    assert np.mean(rows[:, 2] < 0.15) > 0.9
+    assert errors.false == 0
+    assert not errors.at_rest["nothing"]
+
+
+def make_seam_sweep(t):
+    """A revolution about the origin that begins at +x, where a car of 0.19 m is 2 m away."""
+    angle = -np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
+    direction = np.column_stack((np.cos(angle), np.sin(angle)))
+    on_car = (np.abs(direction[:, 1]) < 0.0475) & (direction[:, 0] > 0.0)
+    wall = np.full(600, 4.0)
+    return RoomBeams(t + 2e-4 * np.arange(600), np.zeros((600, 2)), direction,
+                     np.where(on_car, 2.0 / np.maximum(direction[:, 0], 0.5), wall), wall, on_car)
+
+
+@pytest.mark.parametrize(("cuts", "speed"), [(True, 0.05), (False, np.inf)])
+def test_a_car_over_the_seam_of_the_scans_is_one_track_at_rest(monkeypatch, cuts, speed):
+    """The control: its halves, seen 0.12 s after each other, make no track at rest in 1 s."""
+    if not cuts:
+        monkeypatch.setattr(CarTracker, "_cut", lambda self, sweep: sweep)
+    tracker = CarTracker(CarSize(0.30, 0.19, 0.0875))
+    for k in range(12):
+        tracks = tracker.add(make_seam_sweep(0.12 * k))
+    found = [track for track in tracks if track.at_rest and abs(track.mean[1]) < 0.03]
+    assert bool(found) is cuts
+    assert all(abs(track.mean[3]) < speed for track in found)
+
+
 def test_an_empty_sweep_has_no_track():
     size = CarSize(0.30, 0.19, 0.0875)
     empty = RoomBeams(*np.zeros((1, 0)), *np.zeros((2, 0, 2)), *np.zeros((2, 0)), np.zeros(0, bool))

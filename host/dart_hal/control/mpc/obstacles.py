@@ -5,7 +5,7 @@
 
     e_c, s     lateral error and arc length of the car's centre; e_o, s_o: of the obstacle's centre
     R          its radius + HALF_WIDTH + LATERAL_MARGIN
-    L          R + PLATEAU_LENGTH, along the path
+    L          R + PLATEAU_LENGTH + spread (t - t_o), along the path
 
 The corridor narrows along a ramp, because a bound that appears suddenly makes the plan jump. The
 side is the one with more space. It is kept for an encounter, unless a moving obstacle comes over
@@ -33,6 +33,9 @@ HALF_WIDTH = 0.10
 # times the lateral error of 1.0 cm with 1 cm of pose noise, as twice that is exceeded once in fifty
 # passes.
 LATERAL_MARGIN = 0.12
+# Distance to the edge of the lane that a passage needs [m]: a drive ends at the edge, and next to
+# an obstacle the car has lateral errors of 2 to 3 cm.
+OBSTACLE_LANE_MARGIN = 0.04
 # Distance along the path, beyond R, over which the full offset is kept [m].
 PLATEAU_LENGTH = 0.05
 # Distance at which a side is chosen [m]: 1.5 s at 2 m/s.
@@ -52,7 +55,7 @@ class Obstacle:
     """A disc in path coordinates.
 
     s, offset [m]: arc length and lateral position of its centre at time t [s]; radius [m];
-    speed [m/s]: along the path.
+    speed [m/s]: along the path; spread [m/s]: growth of its uncertainty along the path.
     """
 
     s: float
@@ -60,6 +63,7 @@ class Obstacle:
     radius: float
     speed: float = 0.0
     t: float = 0.0
+    spread: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +143,8 @@ class Corridor:
             if not side:
                 continue
             required = o.radius + HALF_WIDTH + LATERAL_MARGIN
-            excess = np.maximum(np.abs(distance) - required - PLATEAU_LENGTH, 0.0)
+            plateau = required + PLATEAU_LENGTH + o.spread * np.maximum(t - o.t, 0.0)
+            excess = np.maximum(np.abs(distance) - plateau, 0.0)
             edge = side * o.offset + required - CORRIDOR_RAMP * excess
             # Passed on its left: a lower bound; on its right: an upper bound.
             if side > 0.0:
@@ -153,10 +158,11 @@ class Corridor:
         """Return the side that is chosen for this obstacle, as it was seen before; 0: none."""
         nearest = MAX_OBSTACLE_JUMP
         found = 0.0
+        width = self.lane - OBSTACLE_LANE_MARGIN - o.radius - HALF_WIDTH - LATERAL_MARGIN
         for before, side in self._sides.items():
             along = self._wrap(o.s - before.s - before.speed * (o.t - before.t))
             jump = hypot(along, o.offset - before.offset)
-            if jump < nearest and side * o.offset <= MAX_OFFSET_TO_KEEP_SIDE:
+            if jump < nearest and side * o.offset <= max(MAX_OFFSET_TO_KEEP_SIDE, width):
                 nearest = jump
                 found = side
         return found

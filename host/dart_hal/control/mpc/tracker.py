@@ -29,7 +29,13 @@ from dart_hal.control.mpc.driving import (
     make_planning_vehicle,
 )
 from dart_hal.control.mpc.model import STAGE_PERIOD
-from dart_hal.control.mpc.obstacles import Disc, Obstacle, clearance, required_offset
+from dart_hal.control.mpc.obstacles import (
+    OBSTACLE_LANE_MARGIN,
+    Disc,
+    Obstacle,
+    clearance,
+    required_offset,
+)
 from dart_hal.control.mpc.planner import MpcPlan, MpcPlanner, PlanOutcome
 from dart_hal.control.mpc.problem import TYRE_SHARE, MpcLimits
 from dart_hal.control.mpc.spread import lateral_std
@@ -42,9 +48,6 @@ from dart_hal.core.types import FloatArray, MotionEstimate
 
 # Lane to either side [m].
 DEFAULT_HALF_WIDTH = 0.3
-# Distance to the edge of the lane that a passage needs [m]: a drive ends at the edge, and next to
-# an obstacle the car has lateral errors of 2 to 3 cm.
-OBSTACLE_LANE_MARGIN = 0.04
 # Plans from one that is stored for the picture to the next: 1 s.
 PLANS_PER_PREDICTION = 10
 # Predictions that are kept: those of ten minutes, 0.4 MB.

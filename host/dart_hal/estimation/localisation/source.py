@@ -20,6 +20,11 @@ from dart_hal.core.types import ExternalPose, Scan, State
 from dart_hal.estimation.localisation.field import Map, map_of_grid
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.estimation.localisation.localiser import Localiser, Located
+from dart_hal.estimation.other_cars.memory import remember_cars
+from dart_hal.estimation.other_cars.rectangle import CarSize
+from dart_hal.estimation.other_cars.sweep import make_sweep
+from dart_hal.estimation.other_cars.tracker import CarTracker
+from dart_hal.estimation.other_cars.tracks import CarTrack
 
 EXPECTED = "lidar:map.yaml, or lidar:map.yaml?start=X,Y,YAW in m and rad"
 FRAME = "lidar-map"
@@ -32,7 +37,8 @@ Work = tuple[tuple[State, ...], Scan]
 class LidarPoses:
     """``PoseSource`` of a car with a lidar; the car calls ``add_states`` and ``add``.
 
-    ``newest``: result of the last scan, None before it; ``dropped``: number of dropped scans.
+    ``newest``: result of the last scan, None before it; ``dropped``: number of dropped scans;
+    ``cars``: other cars in the scans after ``track_cars``, with those lost of late.
     """
 
     on_board = True
@@ -43,6 +49,8 @@ class LidarPoses:
         self.chart = chart
         self.dropped = 0
         self.newest: Located | None = None
+        self.cars: tuple[CarTrack, ...] = ()
+        self._tracker: CarTracker | None = None
         self._localiser = Localiser(chart, start)
         self._states: list[State] = []
         self._poses: deque[ExternalPose] = deque()
@@ -53,6 +61,10 @@ class LidarPoses:
         self._work = Queue(MAX_QUEUED_SCANS)
         threading.Thread(target=self._serve, args=(self._work,), name="localiser",
                          daemon=True).start()
+
+    def track_cars(self, size: CarSize) -> None:
+        """Track other cars of this size from the next scan on."""
+        self._tracker = CarTracker(size)
 
     def add_states(self, states: Sequence[State]) -> None:
         """Add States of the car, each once, in order."""
@@ -102,6 +114,10 @@ class LidarPoses:
         self.newest = located or self.newest
         if located is not None and located.pose is not None and located.t >= 0.0:
             pose = located.pose
+            if self._tracker is not None and self._localiser.beams is not None:
+                sweep = make_sweep(self.chart, self._localiser.beams, pose)
+                self.cars = remember_cars(self.cars, self._tracker.add(sweep), sweep,
+                                          self._tracker.size)
             self._poses.append(ExternalPose(located.t, located.arrival, pose.x, pose.y, pose.yaw,
                                             pose.cov, FRAME))
 

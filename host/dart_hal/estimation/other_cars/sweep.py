@@ -36,6 +36,12 @@ class RoomBeams:
         return RoomBeams(self.t[rows], self.origin[rows], self.direction[rows], self.range[rows],
                      self.wall[rows], self.unexplained[rows])
 
+    def extend(self, later: RoomBeams) -> RoomBeams:
+        """Return these beams and later ones."""
+        return RoomBeams(*(np.concatenate((getattr(self, name), getattr(later, name)))
+                           for name in ("t", "origin", "direction", "range", "wall",
+                                        "unexplained")))
+
     @property
     def points(self) -> FloatArray:
         """Return the end points (n, 2) [m] in the room."""

@@ -2,13 +2,15 @@
 
 For each sweep:
 
-1. Beams that end where others have ended for seconds are left out: new boxes.
+0. It is cut where the map explains all beams, and begins with what the last one left: a scan begins
+   and ends in front of the car, so one ahead would be in two halves at different times.
+1. Beams that end where others have ended for seconds are left out: new boxes. Those of the size of
+   a car become tracks at rest.
 2. Each track is predicted to the time of the beams near it, and updated with the poses that
    explain them.
 3. Unexplained beams elsewhere are grouped. A rectangle is fitted to each group, at any heading.
 4. Fits of successive sweeps that move like one car become a track: then the heading is known.
-
-What is at rest since the start is no track: it may be a box.
+   Fits that stay at one place become a track at rest: a car, or a new box of its size.
 """
 
 from __future__ import annotations
@@ -27,7 +29,11 @@ from dart_hal.estimation.other_cars.rectangle import (
 )
 from dart_hal.estimation.other_cars.resting import RestingPoints
 from dart_hal.estimation.other_cars.sweep import RoomBeams
-from dart_hal.estimation.other_cars.tracks import CarTrack, start_track
+from dart_hal.estimation.other_cars.tracks import (
+    CarTrack,
+    start_resting_track,
+    start_track,
+)
 
 # Beams and m between neighbours of one group, and smallest number of beams of a group.
 MAX_BEAM_GAP = 3
@@ -45,6 +51,14 @@ START_FITS = 4
 MAX_CANDIDATE_TIME = 1.0
 START_SPEEDS = (0.25, 4.0)
 MAX_START_DEVIATION = 0.05
+# The same for a track at rest; the time includes that in which a walking person lifts its foot.
+REST_FITS = 6
+MAX_REST_SPEED = 0.1
+# Share of a sweep that may wait for the next, and s after which it is too old.
+MAX_TAIL_SHARE = 0.25
+MAX_TAIL_AGE = 0.1
+# Sweeps between two searches among the places of rest.
+REST_SEARCH_SWEEPS = 4
 # m between a fit and the place where the candidate is expected; s without a fit.
 CANDIDATE_GATE = 0.35
 MAX_CANDIDATE_GAP = 0.4
@@ -104,17 +118,21 @@ class CarTracker:
     _candidates: list[_Candidate] = field(default_factory=list)
     _resting: RestingPoints = field(default_factory=RestingPoints)
     _count: int = 0
+    _sweeps: int = 0
+    _tail: RoomBeams | None = None
     _normal: FloatArray = field(
         default_factory=lambda: np.random.default_rng(0).normal(size=(max(GROUP_POSES), 3)))
 
     def add(self, sweep: RoomBeams) -> tuple[CarTrack, ...]:
         """Add a sweep; return the confirmed tracks."""
         all_points = sweep.points[sweep.unexplained]
-        sweep = sweep.select(~(sweep.unexplained & self._resting.contains(sweep.points)))
+        whole = sweep = self._cut(sweep)
+        rests = sweep.unexplained & self._resting.contains(sweep.points)
+        sweep = sweep.select(~rests)
         if not len(sweep.t):
             return self._list_confirmed()
         now = float(sweep.t[-1])
-        found = [self._follow(track, sweep) for track in self._tracks]
+        found = [self._follow(track, whole if track.at_rest else sweep) for track in self._tracks]
         alive = [track for track in found if now - track.hit_t < MAX_COAST_TIME
                  and abs(track.mean[3]) < MAX_TRACK_SPEED and not track.is_contradicted]
         self._tracks = tuple(_drop_copies(alive))
@@ -123,10 +141,37 @@ class CarTracker:
             free &= ~self._is_near(sweep.points, track.predict(now))
         for group in list_groups(sweep, free):
             self._consider(sweep, group)
+        self._sweeps += 1
+        if self._sweeps % REST_SEARCH_SWEEPS == 0:
+            for track in self._tracks:
+                rests &= ~self._is_near(whole.points, track.predict(now))
+            for group in list_groups(whole, rests):
+                fit, t = self._fit_group(whole, group)
+                if fit is not None:
+                    self._start(start_resting_track(self._count + 1, t, fit.mean))
         self._candidates = [one for one in self._candidates
                             if now - one.times[-1] < MAX_CANDIDATE_GAP]
         self._learn_resting(all_points, now)
         return self._list_confirmed()
+
+    def _cut(self, sweep: RoomBeams) -> RoomBeams:
+        """Return the end of the last sweep with this one up to its own cut.
+
+        The cut is in the middle of the longest run of explained beams near the end.
+        """
+        if not len(sweep.t):
+            return sweep
+        begin = round((1.0 - MAX_TAIL_SHARE) * len(sweep.t))
+        edges = np.concatenate(([begin - 1], begin + np.flatnonzero(sweep.unexplained[begin:]),
+                                [len(sweep.t)]))
+        k = int(np.argmax(np.diff(edges)))
+        is_head = np.arange(len(sweep.t)) < (edges[k] + edges[k + 1]) // 2 + 1
+        tail = self._tail
+        self._tail = sweep.select(~is_head)
+        head = sweep.select(is_head)
+        if tail is None or not len(tail.t) or sweep.t[0] - tail.t[-1] > MAX_TAIL_AGE:
+            return head
+        return tail.extend(head)
 
     def _learn_resting(self, points: FloatArray, now: float) -> None:
         """Add unexplained points (n, 2) that are on no confirmed track to those at rest."""
@@ -185,15 +230,24 @@ class CarTracker:
         if len(candidate.times) < START_FITS:
             return
         place, velocity, deviation = candidate.line()
-        if (deviation > MAX_START_DEVIATION
-                or not START_SPEEDS[0] < np.hypot(*velocity) < START_SPEEDS[1]):
+        speed = float(np.hypot(*velocity))
+        if deviation > MAX_START_DEVIATION:
             return
-        track = start_track(self._count + 1, t, place, velocity, self.size.centre_x)
-        if not any(np.hypot(*(one.predict(t).mean[:2] - track.mean[:2])) < MIN_TRACK_DISTANCE
-                   for one in self._tracks):
+        if START_SPEEDS[0] < speed < START_SPEEDS[1]:
+            track = start_track(self._count + 1, t, place, velocity, self.size.centre_x)
+        elif speed < MAX_REST_SPEED and len(candidate.times) >= REST_FITS:
+            track = start_resting_track(self._count + 1, t, fit.mean)
+        else:
+            return
+        self._start(track)
+        self._candidates.remove(candidate)
+
+    def _start(self, track: CarTrack) -> None:
+        """Add a track, unless there is one at its place."""
+        if not any(np.hypot(*(one.predict(track.t).mean[:2] - track.mean[:2]))
+                   < MIN_TRACK_DISTANCE for one in self._tracks):
             self._count += 1
             self._tracks = (*self._tracks, track)
-        self._candidates.remove(candidate)
 
     def _fit_group(self, sweep: RoomBeams, group: BoolArray) -> tuple[RectangleFit | None, float]:
         """Return the fit of a group, None if it is no car, and its time [s]."""

@@ -20,8 +20,9 @@ MIN_YAW_STD = 0.015
 START_STDS = (0.05, 0.05, 0.25, 0.25, 0.7)
 # Weight of the newest scan in the mean share of a track.
 SHARE_WEIGHT = 0.25
-# A track is confirmed by these fits, m of travel and mean share, and ends below the other ones.
-CONFIRMING_FITS = 3
+# A track is confirmed by these fits, m of travel (unless it began at rest) and mean share, and ends
+# below the other ones.
+CONFIRMING_FITS = 4
 CONFIRMING_DISTANCE = 0.3
 CONFIRMING_SHARE = 0.85
 MIN_NEW_SHARE = 0.7
@@ -35,7 +36,8 @@ class CarTrack:
     t [s]; mean (5,): x, y [m], yaw [rad] of the rear axle in the room, speed [m/s], signed, yaw
     rate [rad/s]; cov (5, 5); hit_t [s]: last time at which beams ended on it; start (2,) [m]:
     first place of the axle; fits: number of updates; share: mean of those of the fits; confirmed:
-    whether it has moved as one car for some time. Others may be people.
+    whether it has moved as one car, or rested in the size of one, for some time; at_rest: it has
+    not moved since its start, and may be a box. Others may be people.
     """
 
     number: int
@@ -47,6 +49,7 @@ class CarTrack:
     fits: int = 0
     share: float = 1.0
     confirmed: bool = False
+    at_rest: bool = False
 
     @property
     def is_contradicted(self) -> bool:
@@ -95,11 +98,12 @@ class CarTrack:
         cov[3:, 3:] = self.cov[3:, 3:] + gain @ (pose_cov - self.cov[:3, :3]) @ gain.T
         fits = self.fits + 1
         share = self.share + SHARE_WEIGHT * (fit.share - self.share)
+        has_moved = hypot(*(mean[:2] - self.start)) >= CONFIRMING_DISTANCE
+        at_rest = self.at_rest and not has_moved
         confirmed = self.confirmed or (
-            fits >= CONFIRMING_FITS and share >= CONFIRMING_SHARE
-            and hypot(*(mean[:2] - self.start)) >= CONFIRMING_DISTANCE)
+            fits >= CONFIRMING_FITS and share >= CONFIRMING_SHARE and (has_moved or at_rest))
         return replace(self, mean=mean, cov=cov, hit_t=self.t, fits=fits, share=share,
-                       confirmed=confirmed)
+                       confirmed=confirmed, at_rest=at_rest)
 
     def contradict(self, fit: RectangleFit) -> CarTrack:
         """Return the track with a fit that does not support it; its motion is unchanged."""
@@ -113,3 +117,9 @@ def start_track(number: int, t: float, centre: FloatArray, velocity: FloatArray,
     axle = centre - centre_x * np.array((cos(yaw), sin(yaw)))
     mean = np.array((*axle, yaw, hypot(*velocity), 0.0))
     return CarTrack(number, t, mean, np.diag(np.square(START_STDS)), t, mean[:2])
+
+
+def start_resting_track(number: int, t: float, pose: FloatArray) -> CarTrack:
+    """Return the track of a car at rest at an axle pose (3,); its front may be its rear."""
+    mean = np.append(pose, (0.0, 0.0))
+    return CarTrack(number, t, mean, np.diag(np.square(START_STDS)), t, mean[:2], at_rest=True)
