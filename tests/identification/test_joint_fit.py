@@ -236,7 +236,7 @@ def test_commands_of_a_run_that_all_waited_longer_make_no_significant_lag(wait):
     assert (lag.value < 2.0 * lag.std) is (wait > 0.0)
 
 
-SLOW_SERVO_SIZES = {"steering_rate_limit": 0.1, "steering_backlash": 0.03}
+SERVO_SIZES = {"steering_rate_limit": 0.1, "steering_backlash": 0.03}
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +246,7 @@ def servo_drives():
     Commands change between the samples, as in a run: a delay is not visible on their grid.
     """
     car = with_values(PAPER, {"delay.steering_s": 0.02, "delay.steering_lag_s": 0.0})
-    for name, size in SLOW_SERVO_SIZES.items():
+    for name, size in SERVO_SIZES.items():
         car = apply(car, name, k=size)
     return ShootingProblem.from_grids([driven(seed, 25.0, car, (0.004, 0.002, 0.01), 0.4037)
                                        for seed in (1, 2)])
@@ -261,7 +261,7 @@ def test_delay_of_a_slow_servo_is_inside_its_interval(servo_drives, servo):
     errors = [abs(delay[f"steering{part}_s"].value - true) / delay[f"steering{part}_s"].std
               for part, true in (("", 0.02), ("_lag", 0.0))]
     assert (max(errors) < 2.0) is servo
-    assert set(found.nuisance) == ({f"{name}.k" for name in SLOW_SERVO_SIZES} if servo else set())
+    assert set(found.nuisance) == ({f"{name}.k" for name in SERVO_SIZES} if servo else set())
     for name, part in found.nuisance.items():
-        assert abs(part.value - SLOW_SERVO_SIZES[name.removesuffix(".k")]) < 3.0 * part.std
+        assert abs(part.value - SERVO_SIZES[name.removesuffix(".k")]) < 3.0 * part.std
         assert part.std < 0.2 * part.value
