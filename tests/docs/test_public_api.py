@@ -20,6 +20,8 @@ USE_CASES = tuple(f"dart_hal.control.{name}" for name in (
 """Packages of one use case each, which its example alone imports."""
 EXTENDED = ("dart_hal.vehicle",)
 """What a package that adds an effect imports."""
+ON_JAX = ("dart_lab.sim.jax", "dart_hal.vehicle.flat")
+"""What the extra `jax` adds, and a vehicle of traced parameters."""
 PROGRAMS = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
             *sorted((ROOT / "docs" / "notebooks").glob("*.py")),
             *sorted((ROOT / "examples").rglob("*.py"))]
@@ -68,7 +70,8 @@ def imports_below(program: str) -> list[str]:
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda p: p.name)
 def test_a_program_for_users_imports_public_names_alone(path):
-    allowed = {"use_cases": USE_CASES, "plugin": EXTENDED}.get(path.parent.name, ())
+    allowed = {"use_cases": USE_CASES, "plugin": EXTENDED, "jax": ON_JAX}.get(
+        path.parent.name, ())
     deeper = [m for program in programs_in(path) for m in imports_below(program)
               if not m.startswith(allowed or "-")]
     assert deeper == []

@@ -12,7 +12,7 @@ A lag T with a constant command u over a step dt is solved exactly, at its middl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from dart_hal.core.errors import UsageError
@@ -35,9 +35,11 @@ from dart_hal.vehicle.namespace import Namespace, Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-METHODS = {"rk4": (make_dynamic_step, make_kinematic_step),
-           "midpoint": (make_dynamic_midpoint, make_kinematic_midpoint),
-           "euler": (make_dynamic_euler, make_kinematic_euler)}
+# By method: makers of the integrators of the dynamic and of the kinematic bicycle.
+Methods = Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]]
+METHODS: Methods = {"rk4": (make_dynamic_step, make_kinematic_step),
+                    "midpoint": (make_dynamic_midpoint, make_kinematic_midpoint),
+                    "euler": (make_dynamic_euler, make_kinematic_euler)}
 # s; scale below which a lag counts as none. The transition is smooth: no branch on a parameter.
 MIN_LAG = 1e-6
 
@@ -46,18 +48,19 @@ State8 = tuple[Value, Value, Value, Value, Value, Value, Value, Value]
 Body6 = Callable[..., State6]
 
 
-def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,
-                  method: str = "rk4") -> Callable[..., State8]:
+def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE, method: str = "rk4",
+                  methods: Methods = METHODS) -> Callable[..., State8]:
     """Return ``step(x, y, eta, v_x, v_y, omega, tau, s, tau_command, s_command) -> state``.
 
     State of the centre of mass [m, rad, m/s, rad/s], then throttle tau and steering s at the
     outputs of the actuators (-1..1; tau of a speed loop in m/s; they lag behind the commands, which
     are constant over dt [s]). The caller applies pure delays: they are a queue of commands, not an
-    equation. Raises UsageError for an unknown method.
+    equation. methods: integrators, METHODS or others of the same signature. Raises UsageError for
+    an unknown method.
     """
     f = adapt(xp)
     p = apply_parameter_effects(p)
-    body = _make_body_step(p, f, method, dt)
+    body = _make_body_step(p, f, method, dt, methods)
     steering = make_steering(p.steering, f)
     (start_t, half_t), (start_s, half_s) = (
         lag_decay(lag, dt, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s))
@@ -80,15 +83,15 @@ def make_car_step(p: Vehicle, xp: Any = math, dt: Value = SAMPLE,
 
 
 def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: int = 1,
-                     method: str = "rk4") -> Callable[..., State6]:
+                     method: str = "rk4", methods: Methods = METHODS) -> Callable[..., State6]:
     """Return ``step(x, y, eta, v_x, v_y, omega, tau, delta) -> state`` after substeps * dt [s].
 
     tau: throttle, or commanded speed, after gate, delay and lag; delta [rad]: road-wheel angle;
-    both constant. Raises UsageError for an unknown method.
+    both constant. methods: as in ``make_car_step``. Raises UsageError for an unknown method.
     """
     f = adapt(xp)
     p = apply_parameter_effects(p)
-    inputs, advance, kinematic = _make_parts(p, f, method, dt)
+    inputs, advance, kinematic = _make_parts(p, f, method, dt, methods)
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, tau: Value,
              delta: Value) -> State6:
@@ -112,16 +115,16 @@ def lag_decay(lag: Value, dt: Value, f: Namespace) -> tuple[Value, Value]:
     return 1.0 - f.exp(-lag / MIN_LAG), f.exp(-0.5 * dt / f.fmax(lag, MIN_LAG))
 
 
-def _make_parts(p: Vehicle, f: Namespace, method: str, dt: Value
+def _make_parts(p: Vehicle, f: Namespace, method: str, dt: Value, methods: Methods
            ) -> tuple[Callable[[Value, Value], Inputs], Callable[..., Any], bool]:
     """Return (tau, delta) -> inputs of the rates, the integrator, and if the car is kinematic."""
-    if method not in METHODS:
-        raise UsageError(f"no integration method {method!r}", expected=", ".join(METHODS))
+    if method not in methods:
+        raise UsageError(f"no integration method {method!r}", expected=", ".join(methods))
     gains = make_drive_gains(p.motor, f)
     sin = f.sin
     cos = f.cos
     tan = f.tan
-    make_dynamic_integrator, make_kinematic_integrator = METHODS[method]
+    make_dynamic_integrator, make_kinematic_integrator = methods[method]
 
     def dynamic_inputs(tau: Value, delta: Value) -> Inputs:
         k0, k1 = gains(tau)
@@ -137,8 +140,9 @@ def _make_parts(p: Vehicle, f: Namespace, method: str, dt: Value
     return dynamic_inputs, make_dynamic_integrator(rates), False
 
 
-def _make_body_step(p: Vehicle, f: Namespace, method: str, step: Value) -> Body6:
-    inputs, advance, kinematic = _make_parts(p, f, method, step)
+def _make_body_step(p: Vehicle, f: Namespace, method: str, step: Value,
+                    methods: Methods) -> Body6:
+    inputs, advance, kinematic = _make_parts(p, f, method, step, methods)
 
     def dynamic(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
                 start: Inputs, middle: Inputs, end: Inputs) -> State6:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle import Vehicle, make_car_step
-from dart_lab.sim.jax.ops import JAX
+from dart_lab.sim.jax.ops import JAX, JAX_METHODS
 
 Array = Any
 
@@ -36,7 +36,7 @@ def rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *, dt: f
         >>> states.shape
         (100, 8)
     """
-    step = make_car_step(p, JAX, dt, method)
+    step = make_car_step(p, JAX, dt, method, JAX_METHODS)
 
     def advance(state: Array, command: Array) -> tuple[Array, Array]:
         new = jnp.stack(step(*state, *command))
