@@ -20,7 +20,7 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.sets import PAPER
 from tests.common import MOCK_2_URL
 
-NOISE = 0.02
+DECELERATION_NOISE = 0.02
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def make_runs(parts, full, seed):
     rng = np.random.default_rng(seed)
     friction = make_friction(PAPER.friction)
     speeds = rng.uniform(0.45, 0.8, len(parts))
-    return [(v, full * p - friction(v) / PAPER.body.mass + NOISE * rng.standard_normal())
+    return [(v, full * p - friction(v) / PAPER.body.mass + DECELERATION_NOISE * rng.standard_normal())
             for p, v in zip(parts, speeds, strict=True)]
 
 

@@ -63,15 +63,15 @@ def brake(hold: HoldFrame, log: SensorLog, files: CarFiles, part: float
     pulse = files.neutral_us - part * files.config.throttle.span_us
     state = hold(pulse)
     begin = state.t
-    settled = False
+    is_measuring = False
     while state.speed > END_SPEED and state.t - begin < MAX_DURATION:
-        if not settled and state.t - begin >= SETTLING:
+        if not is_measuring and state.t - begin >= SETTLING:
             log.pairs()
-            settled = True
+            is_measuring = True
         state = hold(pulse)
     samples = [sample for sample, _ in log.pairs()]
     t, x = edge_distances(samples, files.metres_per_edge.value) if samples else ([], [])
-    if not settled or len(t) < MIN_EDGES:
+    if not is_measuring or len(t) < MIN_EDGES:
         raise CalibrationFailed(
             "too few edges while the car brakes", found=f"{len(t)} edges",
             expected=f"at least {MIN_EDGES}",
