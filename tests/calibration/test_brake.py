@@ -44,8 +44,9 @@ def make_runs(parts, full, seed):
     rng = np.random.default_rng(seed)
     friction = make_friction(PAPER.friction)
     speeds = rng.uniform(0.45, 0.8, len(parts))
-    return [(v, full * p - friction(v) / PAPER.body.mass + DECELERATION_NOISE * rng.standard_normal())
-            for p, v in zip(parts, speeds, strict=True)]
+    noise = DECELERATION_NOISE * rng.standard_normal(len(parts))
+    return [(v, full * p - friction(v) / PAPER.body.mass + n)
+            for p, v, n in zip(parts, speeds, noise, strict=True)]
 
 
 def test_intervals_hold_the_brake(files):
