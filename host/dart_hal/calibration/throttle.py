@@ -420,4 +420,4 @@ calibrate_throttle = Procedure(
                     "car circles on 3.5 m x 3.5 m", DEFAULT_ROOM, "m", 0.0, 30.0,
                     metavar="METRES"),),
     plot=_plot, plot_help="the measured pulses and those of the model",
-    keys=("throttle.drive", "throttle.brake"), after=("clock", "esc", "encoder"))
+    keys=("throttle.drive",), after=("clock", "esc", "encoder"))
