@@ -9,7 +9,7 @@ from math import nan
 
 import pytest
 
-from dart_hal.car import Car
+from dart_hal.car import Car, join
 from dart_hal.car.battery import (
     DECIDING_READINGS,
     READ_INTERVAL,
@@ -19,8 +19,11 @@ from dart_hal.car.battery import (
 )
 from dart_hal.core.config.car import BatteryConfig
 from dart_hal.core.errors import BusError, ConfigError, UsageError
+from dart_hal.core.url import Url
 from dart_hal.devices.battery.ina219 import check_ina219, decode_voltage
 from dart_hal.devices.links.base import open_backend
+from dart_hal.fleet.peers import Peers
+from dart_hal.fleet.transports.local import open_local
 from dart_lab.live.view.told import status_message
 from dart_lab.sim.battery import Ina219Model, SimBattery, parse_battery
 from dart_lab.sim.truth import world_of
@@ -313,3 +316,18 @@ def test_nan_in_a_recording_is_no_voltage():
         battery.reach(t)
         found.append(battery.voltage)
     assert found == [None, 7.4, None]
+
+
+@pytest.mark.parametrize("battery", ["1", "0"])
+def test_other_cars_of_a_room_receive_the_voltage(battery):
+    """A car without a sensor, the control, sends none."""
+    room = open_local(Url.parse("local://battery"))
+    peers = Peers("blue", 1)
+    with Car.open(URL + battery) as car, join(car, "local://battery", name="red"):
+        state = list(car.states(duration=1.0))[-1]
+        peers.receive(room, car.now)
+        health = peers.other_poses(car.now)["red"].health
+    room.close()
+    expected = None if state.battery is None else pytest.approx(state.battery, abs=0.05)
+    assert health.battery == expected
+    assert (state.battery is not None) == (battery == "1")

@@ -258,6 +258,17 @@ def test_a_plan_and_a_health_come_with_the_pose(fed_peers):
     assert (peer.plan.step, peer.plan.age) == (pytest.approx(0.05), pytest.approx(0.1))
     assert (peer.health.mode, peer.health.lost) == ("ARMED", 4)
     assert peer.health.doubts == {"IMU_STEP", "CAR_SLIDES"}
+    assert peer.health.battery is None
+
+
+def test_the_voltage_of_a_battery_comes_with_the_health_until_it_is_old(fed_peers):
+    peers = Peers("blue", 1)
+    health = encode(m.HEALTH, 7, 2, 0.0, ("red", "ARMED", 0, "", ""))
+    voltage = encode(m.BATTERY, 7, 3, 0.0, ("red", 7.25))
+    peer = hears(peers, fed_peers, 0.0, pose_frame(1), health, voltage)["red"]
+    assert peer.health.battery == 7.25
+    assert peers.other_poses(0.9)["red"].health.battery == 7.25
+    assert peers.other_poses(1.1)["red"].health.battery is None
 
 
 def test_a_law_of_several_cars_sends_its_own_bytes(fed_peers):

@@ -238,7 +238,7 @@ class Member:
             self._call.health(session, mode, self.car.now)
 
     def _broadcast(self, state: State, now: float) -> None:
-        """Send pose, health and plan."""
+        """Send pose, health, voltage of the battery and plan."""
         estimate = state.estimate
         pose = pose_values("", now - estimate.t, estimate.frame, estimate.pose,
                               estimate.speed, estimate.yaw_rate, estimate.tracking)
@@ -246,6 +246,8 @@ class Member:
         health = state.health
         self._send(m.HEALTH, (self.car.mode, health.lost, " ".join(sorted(health.doubts)),
                               self._held[:MAX_TEXT_BYTES // 4]), now)
+        if state.battery is not None:
+            self._send(m.BATTERY, (state.battery,), now)
         if self._plan is not None:
             t, *rest = self._plan
             self._send(m.PLAN, (max(now - t, 0.0), *rest), now)

@@ -211,6 +211,8 @@ def _describe_car(station: Station, car: CarStatus) -> str:
     """Return link, health and conflicts of a car on one line."""
     parts = [f"last message {1e3 * car.silent:.0f} ms ago, {car.lost} lost"]
     if car.health is not None:
+        if car.health.battery is not None:
+            parts.append(f"battery {car.health.battery:.1f} V")
         parts += [text for text in (car.health.held, " ".join(sorted(car.health.doubts))) if text]
     if car.name in station.peers.namesakes:
         parts.append("two programs have this name")
@@ -222,6 +224,7 @@ def _car_json(station: Station, car: CarStatus) -> dict[str, Any]:
     return {"name": car.name, "url": station.transport.url, "state": car.state,
             "why": _describe_car(station, car), "silent_s": car.silent, "lost": car.lost,
             "doubts": sorted(car.health.doubts) if car.health else [],
+            "battery": car.health.battery if car.health else None,
             "pose": None if pose is None else {
                 "x": pose.pose.x, "y": pose.pose.y, "yaw": pose.pose.yaw, "frame": pose.frame,
                 "speed": pose.speed, "age_s": pose.age}}

@@ -148,5 +148,10 @@ HEARD = _kind(
     _F("echoes", "pairs", "boot and seq of the newest frame of each member", count=2),
 )
 
-KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT, COORDINATION, HEARD)
+BATTERY = _kind(
+    "BATTERY", 9, "voltage of the battery, 20 Hz while a car has a reading", _NAME,
+    _F("voltage", "f32", "V", low=0.0, high=100.0),
+)
+
+KINDS = (POSE, PLAN, HEALTH, STOP, STOPPED, BEAT, COORDINATION, HEARD, BATTERY)
 BY_ID = {kind.id: kind for kind in KINDS}

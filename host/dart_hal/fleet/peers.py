@@ -53,6 +53,8 @@ MAX_TRANSIT = 2.0
 UNPROVEN_REASON = (
     "it does not repeat the numbers of this member's frames: it is a recording or an "
     "earlier version, or the network carries frames in one direction only")
+# s after which a voltage is unknown: as that of the own car.
+MAX_BATTERY_AGE = 1.0
 TRACKINGS = tuple(Tracking)
 
 
@@ -75,13 +77,14 @@ class OtherHealth:
     """State of another car.
 
     mode of its supervisor, lost frames of its Nano, names of doubts; held: reason why it may not
-    drive, "" if it may.
+    drive, "" if it may; battery [V]: voltage of its battery, None without a reading.
     """
 
     mode: str
     lost: int
     doubts: frozenset[str]
     held: str
+    battery: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +311,8 @@ class Peers:
         age = age_at_sending + sender.age(m.POSE, now)
         predicted = Pose(x, y, yaw, grow_covariance(var, cov, speed, yaw_rate, age))
         return OtherPose(name, age, age > LOST_AFTER, predicted, frame, speed, yaw_rate,
-                         TRACKINGS[tracking], self._other_plan(sender, now), self.health(sender))
+                         TRACKINGS[tracking], self._other_plan(sender, now),
+                         self.health(sender, now))
 
     def _other_plan(self, sender: Sender, now: float) -> OtherPlan | None:
         if m.PLAN.id not in sender.newest_frames:
@@ -318,12 +322,15 @@ class Peers:
         rows.setflags(write=False)
         return OtherPlan(frame, age_at_sending + sender.age(m.PLAN, now), step, rows)
 
-    def health(self, sender: Sender) -> OtherHealth | None:
-        """Newest health of a sender, or None."""
+    def health(self, sender: Sender, now: float) -> OtherHealth | None:
+        """Newest health of a sender at ``now`` [s], or None."""
         if m.HEALTH.id not in sender.newest_frames:
             return None
         _, mode, lost, doubts, held = sender.newest_frames[m.HEALTH.id][2].values
-        return OtherHealth(mode, lost, frozenset(doubts.split()), held)
+        battery = None
+        if m.BATTERY.id in sender.newest_frames and sender.age(m.BATTERY, now) < MAX_BATTERY_AGE:
+            battery = sender.newest_frames[m.BATTERY.id][2].values[1]
+        return OtherHealth(mode, lost, frozenset(doubts.split()), held, battery)
 
 
 def grow_covariance(var: Sequence[float], cov: Sequence[float], speed: float, yaw_rate: float,

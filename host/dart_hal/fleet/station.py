@@ -71,7 +71,7 @@ class Station:
         """Return the cars that have sent a pose or a health, by name."""
         now = self._now()
         poses = self.peers.other_poses(self._now())
-        return [CarStatus(name, max(now - s.heard, 0.0), s.lost, self.peers.health(s),
+        return [CarStatus(name, max(now - s.heard, 0.0), s.lost, self.peers.health(s, now),
                           poses.get(name))
                 for name, s in sorted(self.peers.senders.items())
                 if name in poses or m.HEALTH.id in s.newest_frames]

@@ -28,7 +28,7 @@ CHOICES = "return [...document.querySelectorAll('#frames button')].map((one) => 
 
 def car(name, x=0.0, frame="mocap", state="link", room="local://map"):
     return {"name": name, "room": room, "state": state, "mode": "DISARMED", "why": "",
-            "silent": 0.0, "lost": 0, "pose": {
+            "silent": 0.0, "lost": 0, "battery": None, "pose": {
                 "x": x, "y": 0.0, "yaw": 0.0, "frame": frame, "own_frame": frame == START_FRAME,
                 "speed": 0.0, "age": 0.0}}
 

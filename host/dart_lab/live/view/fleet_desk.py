@@ -48,6 +48,7 @@ def car_json(status: CarStatus, room: str) -> dict[str, Any]:
     return {"name": status.name, "room": room, "state": describe_state(status),
             "mode": status.state, "why": "; ".join(text for text in why if text),
             "silent": round(status.silent, 2), "lost": status.lost,
+            "battery": None if health is None else health.battery,
             "pose": None if pose is None else {
                 "x": round(pose.pose.x, 3), "y": round(pose.pose.y, 3),
                 "yaw": round(pose.pose.yaw, 3), "frame": pose.frame,

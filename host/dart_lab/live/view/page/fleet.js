@@ -54,6 +54,7 @@
     if (!name.firstElementChild) { name.append(document.createElement("i"), car.name); name.firstElementChild.style.background = colours.get(keyOf(car)); }
     state.textContent = car.state === "lost" ? `lost for ${car.silent.toFixed(1)} s` : car.state;
     where.textContent = p ? `${p.speed.toFixed(2)} m/s at ${p.x.toFixed(2)}, ${p.y.toFixed(2)} m (${p.frame})` : "no pose";
+    if (car.battery !== null) where.textContent += `, battery ${car.battery.toFixed(1)} V`;
     why.textContent = [car.state === "refused" ? car.mode : "", car.why].filter(Boolean).join(": ");
   }
   // Handlers of the messages, by type.
