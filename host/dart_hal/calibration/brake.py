@@ -44,8 +44,8 @@ MIN_BRAKE = 0.5
 # 95 % quantile of Student's distribution with the degrees of freedom of six runs and two numbers.
 STUDENT_95 = 2.132
 
-HoldFrame = Callable[[float], State]
-"""(pulse [us]) -> State: holds a pulse for one frame, along the line."""
+HoldPulse = Callable[[float, float], list[State]]
+"""(seconds, pulse [us]) -> States: holds a pulse along the line; 0 s: for one frame."""
 
 
 def choose_parts(files: CarFiles) -> tuple[float, ...]:
@@ -54,30 +54,32 @@ def choose_parts(files: CarFiles) -> tuple[float, ...]:
     return (0.5 * largest, largest) * REPEATS if largest > 0.0 else ()
 
 
-def brake(hold: HoldFrame, log: SensorLog, files: CarFiles, part: float
+def brake(hold: HoldPulse, log: SensorLog, files: CarFiles, part: float
           ) -> tuple[float, float]:
     """Brake by a part of the full brake down to END_SPEED.
 
     Returns (mean speed [m/s], deceleration [m/s2]). Raises CalibrationFailed for too few edges.
     """
     pulse = files.neutral_us - part * files.config.throttle.span_us
-    state = hold(pulse)
+    state = hold(0.0, pulse)[-1]
     begin = state.t
     is_measuring = False
     while state.speed > END_SPEED and state.t - begin < MAX_DURATION:
         if not is_measuring and state.t - begin >= SETTLING:
             log.pairs()
             is_measuring = True
-        state = hold(pulse)
+        state = hold(0.0, pulse)[-1]
     samples = [sample for sample, _ in log.pairs()]
-    t, x = edge_distances(samples, files.metres_per_edge.value) if samples else ([], [])
-    if not is_measuring or len(t) < MIN_EDGES:
+    t: FloatArray = np.zeros(0)
+    if is_measuring and samples:
+        t, x = edge_distances(samples, files.metres_per_edge.value)
+    if len(t) < MIN_EDGES:
         raise CalibrationFailed(
             "too few edges while the car brakes", found=f"{len(t)} edges",
             expected=f"at least {MIN_EDGES}",
             likely="the wheels lock: the floor is slippery, or the brake of the ESC is very strong",
             remedy="a floor with grip, or a weaker brake in the settings of the ESC")
-    bend, speed, _ = np.polyfit(t - np.mean(t), x, 2)
+    bend, speed, _ = np.polyfit(t - t.mean(), x, 2)
     return float(speed), float(-2.0 * bend)
 
 

@@ -254,8 +254,7 @@ def _brake_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
             here = rest(runner, car.files.config.steering.center_us)
             hold = _hold_on_line(runner, LineKeeper(car.files, here.pose), speed, here)
             hold(_acceleration_time(speed) + LOOP_SETTLING, None)
-            found.append(brake.brake(
-                lambda pulse, hold=hold: hold(0.0, pulse)[-1], log, car.files, part))
+            found.append(brake.brake(hold, log, car.files, part))
     return brake.fit_brake(parts, found, car.files)
 
 
