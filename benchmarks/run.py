@@ -27,7 +27,6 @@ import bench_joint
 import bench_lidar
 import bench_light
 import bench_mpc
-import bench_ratios
 import bench_recording
 import bench_room
 import bench_solver
@@ -67,7 +66,6 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "mpc": bench_mpc.figures,
     "lidar": bench_lidar.figures,
     "emulation": bench_emulation.figures,
-    "ratios": bench_ratios.figures,
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,
     "calibration": bench_calibration.figures,

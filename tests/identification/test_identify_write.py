@@ -11,13 +11,10 @@ import pytest
 from dart_hal.core.config import Quantity, load_model
 from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
-from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
-from dart_lab.identification.outcome import Identification
-from dart_lab.identification.servo import FIRST_SIZES, describe_servo_parts
 from dart_lab.identification.write import Source, build_model, why_unsound, write
 
 SOURCE = Source({"a.csv": "12ab"}, "dart-hal identify all a.csv", {"a.csv": (0.09, -0.0164, 0.0)})
@@ -151,19 +148,3 @@ def test_an_unknown_error_is_not_written_as_a_number(tmp_path):
     assert model.friction["b"] == 12.0
     assert "friction" not in model.covariance
     assert "inf" not in path.read_text()
-
-
-@pytest.mark.parametrize("has_slew", [True, False])
-def test_parts_of_the_servo_that_the_base_lacks_are_written_and_are_no_causes(has_slew):
-    car = apply(PAPER, "quadratic_drag", k=0.1)
-    base = model_of(apply(car, "steering_rate_limit", k=0.2) if has_slew else car)
-    found = {f"{name}.k": FittedParameter(0.1, 0.01, "s") for name in FIRST_SIZES}
-    fits = {"friction": fit("friction", FRICTION)}
-    outcome = Identification(fits, {}, {}, SOURCE, nuisance=found)
-    model = build_model(fits, outcome.over(base), SOURCE).model
-    effects = {e.name: e.parameters["k"] for e in model.effects}
-    assert set(effects) == {"quadratic_drag", *FIRST_SIZES}
-    assert all(effects[name] == Quantity(0.1, 0.01) for name in FIRST_SIZES)
-    assert model.provenance["causes"] == ["quadratic_drag"]
-    added = [text in describe_servo_parts(vehicle_of(base), found) for text in ("lock", "play")]
-    assert added == [not has_slew, True]

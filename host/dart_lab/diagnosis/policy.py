@@ -16,7 +16,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from dart_hal.vehicle.scale import Scale
-from dart_lab.identification.shooting.coordinates import EFFECT_WIDTH
 
 # Time that is held out together [s]: the disturbance is correlated over 0.15 s, and a
 # prediction takes 1 s.
@@ -96,7 +95,7 @@ class PriorPolicy:
     """Prior distribution of the parameters."""
 
     max_stated_stds: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
-    effect_width: float = EFFECT_WIDTH  # medium sizes in one standard deviation
+    effect_width: float = 4.0  # medium sizes in one standard deviation: a medium effect costs 0.06
 
 
 @dataclass(frozen=True, slots=True)

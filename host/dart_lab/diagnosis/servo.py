@@ -1,16 +1,17 @@
 """Fit the servo in addition to the model: its top speed, and the play of the linkage.
 
-The reported numbers are those of fits with both: ``identification.servo`` says why. Like the
-mounting of the IMU they are parts of this car and no causes.
+Every servo has a top speed and every linkage has play, and a car whose steering was not calibrated
+has a model without both. A fit then puts a lag and a wrong steering map in their place, and the
+friction of the bends into motor and friction. The reported numbers are therefore those of fits with
+both. Like the mounting of the IMU they are parts of this car and no causes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
-from dart_lab.identification.servo import FIRST_SIZES, add_servo_parts
 
 from .evidence.residuals import Evidence
 from .final_fit import FinalFit
@@ -18,6 +19,9 @@ from .result import ParameterEstimate
 from .search.fit import Point, refit
 from .search.forward import ForwardSearch
 
+# First sizes in a fit, which cannot start at 0, where a change does nothing: time from straight
+# ahead to full lock [s], and play at the road wheels [rad], both of an ordinary servo.
+FIRST_SIZES = {"steering_rate_limit": 0.1, "steering_backlash": 0.02}
 # The noise is measured again before each fit but the first.
 PASSES = 2
 # Of the models with these parts: docs/results/calibration_coverage.md.
@@ -31,9 +35,13 @@ def fit_servo(search: ForwardSearch, evidence: Evidence, point: Point, jobs: int
     Returns the point itself for other recordings than runs with motion capture: others do not have
     the times of the commands, or not the angle of the wheels.
     """
-    vehicle = add_servo_parts(point.vehicle)
-    if vehicle is point.vehicle or not (evidence.has_mocap and evidence.commands_stamped):
+    has = {a.name for a in point.vehicle.effects}
+    missing = {name: size for name, size in FIRST_SIZES.items() if name not in has}
+    if not missing or not (evidence.has_mocap and evidence.commands_stamped):
         return point
+    vehicle = point.vehicle
+    for name, size in missing.items():
+        vehicle = apply(vehicle, name, k=size)
     space = search.make_space(vehicle)
     x = space.transfer(space.start(vehicle, point.timing), point.space, point.x)
     fit = refit(evidence, point.noise, space, x, jobs=jobs)

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.core.config import EffectEntry, ModelFile, Quantity, plain
+from dart_hal.core.config import ModelFile, Quantity, plain
 from dart_hal.core.config.model import Covariance
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.flat import LENGTHS, close_lengths, unit
@@ -22,7 +22,6 @@ from dart_lab.identification.drive_form import with_drive_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.mass import average_mass, note_unweighed, replace_mass
 from dart_lab.identification.report import FileReport, Published
-from dart_lab.identification.servo import FIRST_SIZES, describe_servo_parts
 from dart_lab.identification.write import SECTIONS, Source, round_covariance, why_unsound
 from dart_lab.report.numbers import with_error
 
@@ -78,12 +77,8 @@ class Identification:
             return {**table, **{name.partition(".")[2]: q for name, q in found.items()
                                 if name.startswith(f"{section}.")}}
 
-        # Parts of the servo that the base lacks are added.
-        has = {e.name for e in base.effects}
-        added = [EffectEntry(name, {}) for name in FIRST_SIZES
-                 if name not in has and f"{name}.k" in found]
         effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
-                        for e in (*base.effects, *added))
+                        for e in base.effects)
         body = insert("body", base.body)
         # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
         moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
@@ -189,10 +184,8 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
     start = vehicle_of(base)
     published = {name: base_values(start, fit) for name, fit in made.fits.items()}
     fits = made.fits
-    moved = (describe_moved_sizes(base, made.nuisance),
-             describe_servo_parts(start, made.nuisance))
-    if notes := tuple(note for note in moved if note):
-        fits = {name: replace(fit, notes=(*fit.notes, *notes)) for name, fit in fits.items()}
+    if sizes := describe_moved_sizes(base, made.nuisance):
+        fits = {name: replace(fit, notes=(*fit.notes, sizes)) for name, fit in fits.items()}
     joint = Covariance(made.names, round_covariance(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(fits, files, published, source, joint=joint, frames=frames,

@@ -21,7 +21,6 @@ from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.identification.fit import SubmodelFit
-from dart_lab.identification.servo import FIRST_SIZES
 
 # Fits that are sections of the file. Others (rows of a comparison) are not written.
 SECTIONS = ("friction", "motor", "steering", "delay", "tyres")
@@ -50,10 +49,6 @@ class Source:
         table: dict[str, Any] = {
             "dart_hal": __version__, "command": self.command, "base": base.name,
             "files": {**kept, **self.sha256}, "sections": sections}
-        if base.effects:
-            # The parts of the servo are fitted like parameters, and are no causes.
-            table["causes"] = list(before.get("causes", [e.name for e in base.effects
-                                                         if e.name not in FIRST_SIZES]))
         if "sizes" in before:
             table["sizes"] = before["sizes"]
         if self.reference:

@@ -22,11 +22,8 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import replace_unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.shooting.coordinates import (
-    Coordinates,
-    effect_amounts,
-    list_effect_parameters,
-)
+from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.shooting.coordinates import Coordinates
 
 from ..policy import USUAL, PriorPolicy
 
@@ -97,9 +94,11 @@ class Space:
         """
         self._message_age = message_age
         self.loose = tuple(loose)
-        effects = list_effect_parameters(p, {a.name for a in p.effects} - {*fixed_effects})
+        scale = find_scale(p.body)
+        effects = {f"{a.name}.{q.name}": q.at_scale(scale) for a in p.effects
+                   if a.name not in fixed_effects for q in a.effect.parameters}
         self.names = tuple(dict.fromkeys((*free, *effects)))
-        amounts = effect_amounts(effects, policy.effect_width)
+        amounts = {n: policy.effect_width * q.sizes[1] for n, q in effects.items()}
         # With mocap the age of a message shifts only readings, without it commands as well.
         # Its step must then be long enough to change held commands.
         of_ages = (READING_STEP if message_age else TIMING_STEP, TIMING_STEP, TIMING_STEP,

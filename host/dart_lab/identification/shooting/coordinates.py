@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.flat import bounds, make_setter, value
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
@@ -25,25 +24,10 @@ from dart_hal.vehicle.scale import find_scale
 PRIOR_AMOUNTS = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
 # Prior standard deviation of the logarithm of all others: a factor of two.
 PRIOR_LOG_STD = 0.7
-# Prior standard deviation of the size of an effect, in medium sizes: a medium effect costs 0.06.
-EFFECT_WIDTH = 4.0
 # [SI units] Smaller numbers are rounding errors.
 MIN_NUMBER = 1e-9
 # [s] Start of a lag that the base model does not have: its derivative at 0 is 0.
 FIRST_LAG = 0.04
-
-
-def list_effect_parameters(p: Vehicle, effects: Collection[str]) -> dict[str, Parameter]:
-    """List the parameters of some effects of a vehicle by full name, at the scale of the car."""
-    scale = find_scale(p.body)
-    return {f"{a.name}.{q.name}": q.at_scale(scale) for a in p.effects if a.name in effects
-            for q in a.effect.parameters}
-
-
-def effect_amounts(parameters: Mapping[str, Parameter], width: float = EFFECT_WIDTH
-                   ) -> dict[str, float]:
-    """Return the prior standard deviations [SI units] of sizes of effects, by full name."""
-    return {name: width * q.sizes[1] for name, q in parameters.items()}
 
 
 class Coordinates:

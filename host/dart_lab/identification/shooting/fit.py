@@ -22,7 +22,7 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.recording.dart import RUN, Grid, Recording, Reference, grid
+from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.vehicle.fitting.covariance import (
     MIN_RECORDING_BLOCKS,
     block_covariance,
@@ -38,9 +38,8 @@ from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 from dart_lab.identification.prediction.rollout import label_stretches
-from dart_lab.identification.servo import add_servo_parts, list_missing_servo_parts
 
-from .coordinates import Coordinates, effect_amounts, list_effect_parameters
+from .coordinates import Coordinates
 from .problem import (
     CHANNELS,
     PREDICTED_UNITS,
@@ -65,8 +64,6 @@ FREE = {
 # and the steering map as the wheelbase.
 NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_backlash.k",
             "body.wheelbase", "body.l_f", "body.l_r")
-# Sub-models of which the servo is a part.
-SERVO_SUBMODELS = {"steering", "delay"}
 SPEED_LOOP_NAMES = ("gain", "max_force")
 AXLE_TYRE_NAMES = ("front_D", "front_B", "rear_D", "rear_B")
 # [m/s, m/s, rad/s] Typical errors of a first model of a car of 1:10 after one second.
@@ -125,39 +122,19 @@ def free_names(base: Vehicle, submodels: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{group}.{key}" for group in groups for key in keys[group])
 
 
-def complete_servo(base: Vehicle, submodels: Sequence[str]) -> tuple[Vehicle, dict[str, float]]:
-    """Add the parts of the servo that the base lacks, for a fit of the steering or its delay.
-
-    Returns the vehicle, and the prior standard deviations [SI units] of the sizes by full name.
-    """
-    if not SERVO_SUBMODELS & set(submodels):
-        return base, {}
-    complete = add_servo_parts(base)
-    missing = list_missing_servo_parts(base)
-    return complete, effect_amounts(list_effect_parameters(complete, missing))
-
-
-def has_stamped_commands(recordings: Sequence[Recording]) -> bool:
-    """Return whether each command has a stamp, as in runs; without it no servo can be fitted."""
-    return all(r.schema == RUN for r in recordings)
-
-
 def fit_jointly(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str] = tuple(FREE),
                 progress: Progress | None = None,
-                known: Mapping[str, float] | None = None, servo: bool = False) -> JointFit:
+                known: Mapping[str, float] | None = None) -> JointFit:
     """Fit the parameters of the sub-models to the windows, starting at ``base``.
 
-    known: standard errors of the base by name, which make the prior stronger. servo: with the
-    steering or the delays, fit the parts of the servo that the base lacks. Raises UsageError
+    known: standard errors of the base by name, which make the prior stronger. Raises UsageError
     for a free parameter of the base that is 0 and would be multiplied by a factor.
     """
     begin = time.process_time()
     results = free_names(base, submodels)
-    base, added = complete_servo(base, submodels) if servo else (base, {})
     present = flat_names(base)
-    names = (*results, *(n for n in NUISANCE if n in added or (
-        n in present and (known or {}).get(n, 0.0) > 0.0)))
-    space = Coordinates(base, names, known or {}, added)
+    names = (*results, *(n for n in NUISANCE if n in present and (known or {}).get(n, 0.0) > 0.0))
+    space = Coordinates(base, names, known or {})
     work = _JointProblem(problem, space, base.body.l_r, progress)
     car = find_scale(base.body)
     first_errors = np.array(FIRST_ERRORS) * [car.speed, car.speed, car.yaw_rate]
@@ -228,8 +205,7 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
                              remedy="without --joint the sub-models are fitted one by one")
     waits = tuple(0.0 if r.commands is None else PWM_WAIT_STD for r, _ in used)
     problem = replace(ShootingProblem.from_grids([g for _, g in used]), waits=waits)
-    stamped = has_stamped_commands([r for r, _ in used])
-    return fit_jointly(problem, base, submodels, progress, known, servo=stamped), used, unused
+    return fit_jointly(problem, base, submodels, progress, known), used, unused
 
 
 class _JointProblem:

@@ -21,16 +21,7 @@ from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import Vehicle
 
 from .coordinates import Coordinates
-from .fit import (
-    FIRST_ERRORS,
-    FREE,
-    MAX_IDENTIFIED_STD,
-    PRIOR_SCALE,
-    _JointProblem,
-    complete_servo,
-    free_names,
-    has_stamped_commands,
-)
+from .fit import FIRST_ERRORS, FREE, MAX_IDENTIFIED_STD, PRIOR_SCALE, _JointProblem, free_names
 from .problem import ShootingProblem
 
 # Manoeuvre that determines the parameters of a sub-model, in words, for any car.
@@ -70,12 +61,10 @@ def predict_identifiability(recordings: Sequence[Recording], base: Vehicle,
     """
     problem = ShootingProblem.from_grids([grid(r, reference, base.body.l_r) for r in recordings])
     names = free_names(base, tuple(FREE))
-    start, servo = (complete_servo(base, tuple(FREE)) if has_stamped_commands(recordings)
-                    else (base, {}))
-    space = Coordinates(start, (*names, *servo), known or {}, servo)
+    space = Coordinates(base, names, known or {})
     scale = np.broadcast_to(np.array(FIRST_ERRORS)[:, None], (*problem.measured.shape[:2], 1))
     slopes = _JointProblem(problem, space, base.body.l_r, None)._jacobian(space.first, scale)
-    relative = np.linalg.inv(PRIOR_SCALE**2 * slopes.T @ slopes + np.eye(len(space.names)))
+    relative = np.linalg.inv(PRIOR_SCALE**2 * slopes.T @ slopes + np.eye(len(names)))
     std = np.sqrt(np.diag(relative))
     # Remove the information of the prior, 1 in each coordinate.
     by_data = 1.0 / np.sqrt(np.maximum(std**-2 - 1.0, np.finfo(float).tiny))
