@@ -10,6 +10,7 @@ import pytest
 
 from dart_hal.calibration import brake
 from dart_hal.car import Car
+from dart_hal.control.drivetrain import COAST_THROTTLE
 from dart_hal.control.lap import speed_profile
 from dart_hal.control.measured import make_inverse_drive, min_brake
 from dart_hal.control.plant import plant_of
@@ -59,7 +60,8 @@ def test_intervals_hold_the_brake(files):
 def test_esc_without_brake_is_stated(files):
     parts = brake.choose_parts(files)
     found, note = brake.fit_brake(parts, make_runs(parts, 0.0, 1), files)
-    assert found is None
+    assert found.value < 1.645 * found.std
+    assert min_brake(with_brake(files, found.value, found.std)) == 0.0
     assert note.startswith("caution: no brake was found")
 
 
@@ -74,6 +76,10 @@ def test_weaker_brake_needs_more_of_the_pulse(files):
     weak = make_inverse_drive(with_brake(files, 2.4)).throttle_or_brake(1.5, -3.0)
     assert usual < 0.0
     assert weak == pytest.approx(2.0 * usual)
+
+
+def test_without_a_brake_the_car_rolls_out(files):
+    assert make_inverse_drive(with_brake(files, 0.0)).throttle_or_brake(1.5, -3.0) == COAST_THROTTLE
 
 
 def test_plan_uses_the_lower_end_within_the_owners_limit(files):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from esc_pin import FRAMES, PULLS, Watched, without_stop
 
+from dart_hal.calibration import brake
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.throttle import (
     CIRCLE_TARGETS,
@@ -21,6 +22,7 @@ from dart_hal.calibration.throttle import (
 from dart_hal.car import Car
 from dart_hal.core.config import Quantity
 from dart_hal.core.errors import CalibrationFailed
+from dart_lab.sim.esc import EscMode
 from studies.calibration.hidden_errors import errors, holding_pulse, worst
 
 URL = "sim://?nano=mock&seed="
@@ -78,6 +80,37 @@ def test_pulses_of_the_brake_stay_within_half_of_it(measured):
     _, _, watched = measured
     lowest = min(width for _, width in watched.pulses)
     assert 1500.0 - 0.5 * 450.0 - PULLS < lowest < 1500.0 - 0.25 * 450.0
+
+
+def backward_distance(url, folder, room=2.5):
+    """m that a car drives backward while its ESC, which has no brake, is measured."""
+    def remove_brake(world):
+        world.esc._reverse = lambda level: world.esc._set(EscMode.REVERSE, -level)
+
+    watched = Watched(url, folder, remove_brake)
+    furthest = 0.0
+    back = 0.0
+
+    def watch(state):
+        nonlocal furthest, back
+        furthest = max(furthest, watched.world.distance)
+        back = max(back, furthest - watched.world.distance)
+
+    watched.car.on_state(watch)
+    with watched.car:
+        watched.run(calibrate_throttle, watched.backend.workshop, room=room)
+    return back
+
+
+@pytest.mark.slow
+def test_esc_without_a_brake_never_drives_the_car_backward(tmp_path):
+    assert backward_distance(f"{URL}6", tmp_path) < 0.005
+
+
+@pytest.mark.slow
+def test_control_a_brake_that_is_held_drives_it_backward(tmp_path, monkeypatch):
+    monkeypatch.setattr(brake, "END_SPEED", -9.0)
+    assert backward_distance(f"{URL}6", tmp_path) > 0.02
 
 
 def test_it_keeps_to_its_floor(measured):

@@ -25,11 +25,15 @@ from dart_hal.vehicle.sets import PAPER
 from .sensor_log import SensorLog
 from .spin import edge_distances
 
-# m/s from which the car brakes, and below which a pulse might drive it backward.
+# m/s from which the car brakes: 3 m of floor from rest to rest, also if nothing brakes.
 MAX_START_SPEED = 1.3
+# m/s at which braking ends: the speed is 50 ms old, 0.2 m/s at 4 m/s2, and below neutral an ESC
+# without a brake drives backward from rest.
 END_SPEED = 0.3
-# Largest part of the full brake; it and half of it are used so often.
+# Largest part of the full brake: 2.4 m/s2 of a usual one, a third of the 7 m/s2 that the tyres of
+# the real car held sideways.
 MAX_PART = 0.5
+# Runs at each of two parts: four degrees of freedom beyond the line.
 REPEATS = 3
 # s after the pulse until only brake and friction act: two PWM frames, delay and lag of the motor.
 SETTLING = 0.1
@@ -39,13 +43,15 @@ MAX_DURATION = 1.0
 MIN_EDGES = 8
 # Relative error of the paper's friction, in what it changes between the speeds of two runs.
 FRICTION_STD = 0.3
-# m/s2 of a brake that is there: a tenth of a usual one.
-MIN_BRAKE = 0.5
-# 95 % quantile of Student's distribution with the degrees of freedom of six runs and two numbers.
+# 95 % quantile of Student's distribution with 4 degrees of freedom: six runs, two fitted numbers.
 STUDENT_95 = 2.132
 
 HoldPulse = Callable[[float, float], list[State]]
 """(seconds, pulse [us]) -> States: holds a pulse along the line; 0 s: for one frame."""
+
+
+class TooFewEdges(CalibrationFailed):
+    """The wheels stop too soon for a measurement of the deceleration."""
 
 
 def choose_parts(files: CarFiles) -> tuple[float, ...]:
@@ -58,7 +64,7 @@ def brake(hold: HoldPulse, log: SensorLog, files: CarFiles, part: float
           ) -> tuple[float, float]:
     """Brake by a part of the full brake down to END_SPEED.
 
-    Returns (mean speed [m/s], deceleration [m/s2]). Raises CalibrationFailed for too few edges.
+    Returns (mean speed [m/s], deceleration [m/s2]). Raises TooFewEdges.
     """
     pulse = files.neutral_us - part * files.config.throttle.span_us
     state = hold(0.0, pulse)[-1]
@@ -74,21 +80,21 @@ def brake(hold: HoldPulse, log: SensorLog, files: CarFiles, part: float
     if is_measuring and samples:
         t, x = edge_distances(samples, files.metres_per_edge.value)
     if len(t) < MIN_EDGES:
-        raise CalibrationFailed(
+        raise TooFewEdges(
             "too few edges while the car brakes", found=f"{len(t)} edges",
             expected=f"at least {MIN_EDGES}",
-            likely="the wheels lock: the floor is slippery, or the brake of the ESC is very strong",
+            likely="the wheels lock, or the ESC has no brake and reverses at once",
             remedy="a floor with grip, or a weaker brake in the settings of the ESC")
     bend, speed, _ = np.polyfit(t - t.mean(), x, 2)
     return float(speed), float(-2.0 * bend)
 
 
 def fit_brake(parts: Sequence[float], runs: Sequence[tuple[float, float]], files: CarFiles
-              ) -> tuple[Quantity | None, str]:
+              ) -> tuple[Quantity, str]:
     """Fit what the full brake adds to the deceleration; return it with a note.
 
     parts (n,): of the full brake; runs (n,): mean speeds [m/s], decelerations [m/s2]. The Quantity
-    [m/s2] is None if the decelerations do not depend on the part: the ESC has no brake.
+    [m/s2] is not negative; the note cautions if its interval contains 0: the ESC has no brake.
     """
     x: FloatArray = np.asarray(parts, dtype=float)
     speed, deceleration = np.asarray(runs, dtype=float).T
@@ -105,9 +111,9 @@ def fit_brake(parts: Sequence[float], runs: Sequence[tuple[float, float]], files
     metres = files.metres_per_edge
     std = math.hypot(std, FRICTION_STD * float(np.polyfit(x, slower, 1)[0]),
                      float(slope) * metres.std / metres.value)
-    if slope < max(MIN_BRAKE, INTERVAL_90 * std):
-        return None, (f"caution: no brake was found ({slope:.2f} +- {std:.2f} m/s2 of the full "
-                      "pulse below neutral): check the setting of the ESC")
-    return Quantity(float(slope), std, f"{len(x)} times from straight driving"), (
-        f"friction while braking {offset:.2f} m/s2; the full brake is extrapolated from "
-        f"{max(parts):g} of it")
+    note = (f"friction while braking {offset:.2f} m/s2; the full brake is extrapolated from "
+            f"{max(parts):g} of it")
+    if slope < INTERVAL_90 * std:
+        note = (f"caution: no brake was found ({slope:.2f} +- {std:.2f} m/s2 of the full pulse "
+                "below neutral): check the setting of the ESC")
+    return Quantity(max(float(slope), 0.0), std, f"{len(x)} times from straight driving"), note

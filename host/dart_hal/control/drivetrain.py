@@ -85,7 +85,7 @@ class InverseDrive:
         force = self.required_force(speed, acceleration)
         if force > 0.0:
             return self.motor(force, speed)
-        part = -force / self._full_brake
+        part = -force / self._full_brake if self._full_brake > 0.0 else 0.0
         return -part if part > MIN_BRAKE_SHARE and speed > MIN_BRAKING_SPEED else COAST_THROTTLE
 
 

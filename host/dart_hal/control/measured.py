@@ -56,7 +56,8 @@ def min_brake(files: CarFiles) -> float:
     The lower end of the measured 90 % interval, or DEFAULT_BRAKE.
     """
     measured = throttle_calibration(files).brake
-    full = measured.value - INTERVAL_90 * measured.std if measured else DEFAULT_BRAKE
+    full = (max(measured.value - INTERVAL_90 * measured.std, 0.0) if measured
+            else DEFAULT_BRAKE)
     return full * -max(files.config.limits.min_throttle, -max_effective_throttle(files))
 
 

@@ -17,6 +17,8 @@ TYRE_STD = 0.003
 # Relative error of the clock measurement: a logic analyser's crystal.
 CLOCK_STD = 1e-4
 
+# us of pulse from neutral to a throttle of 1, as in car.toml.
+THROTTLE_SPAN_US = 450.0
 # The table of a car whose battery is measured.
 BATTERY_TABLE = "\n[battery]\ncells = 2\n"
 _CAR_TOML = """\
@@ -38,7 +40,7 @@ span_us = {span}
 [throttle]
 channel = 1
 neutral_us = 1500.0
-span_us = 450.0
+span_us = {throttle_span}
 arm_neutral = 2.0
 reverse = true
 deadband_us = 25.0
@@ -77,7 +79,7 @@ def car_toml(car: HiddenCar, body: Body = PAPER.body, rings: int = 1) -> str:
     return _CAR_TOML.format(
         name=car.name, rings=rings, wheelbase=body.wheelbase, l_f=body.l_f, l_r=body.l_r,
         mass=body.mass, inertia=body.yaw_inertia, center=car.servo.center_us,
-        span=car.servo.span_us,
+        span=car.servo.span_us, throttle_span=THROTTLE_SPAN_US,
         hertz=hertz, hertz_std=hertz * CLOCK_STD, ring_a=RING_A, ring_b=RING_B,
         per_edge=per_edge, per_edge_std=TYRE_STD * per_edge)
 

@@ -19,6 +19,7 @@ from dart_hal.devices.links.paced import PacedLink
 from dart_hal.vehicle import make_steering
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_lab.sim.backend import URL_OPTIONS, lidar_in_room, mocap_in_room, room_in_view
+from dart_lab.sim.car_file import THROTTLE_SPAN_US
 from dart_lab.sim.drawn import resolve_car
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.imu import ImuParams, rotation
@@ -154,8 +155,8 @@ def sensor_truth(car: HiddenCar) -> dict[str, Any]:
         "throttle.reverse_rest": car.esc.reverse_gap,
         "throttle.signal_loss": car.esc.signal_loss,
         # Of a pulse of the whole span, not only of the part up to the ESC's saturation.
-        "throttle.brake": car.brake_force / car.vehicle.body.mass * 450.0
-        / car.esc.saturation_us,
+        "throttle.brake": car.brake_force / car.vehicle.body.mass
+        * THROTTLE_SPAN_US / car.esc.saturation_us,
         "encoder.metres_per_edge": car.gear_revolution / car.ring_a.n,
         "encoder.ring": list(car.ring_a.fractions),
         "imu.gyro_bias": _yaw_bias(car.imu),

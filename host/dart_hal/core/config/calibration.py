@@ -228,7 +228,7 @@ QUANTITIES = ("pwm.oscillator_hz", "steering.backlash", "steering.slew_us_s", "t
 MAX_WHEEL_ANGLE = 0.8
 
 _POSITIVE = {"pwm.oscillator_hz", "throttle.neutral_us", "throttle.saturation_us",
-             "throttle.reverse_rest", "throttle.signal_loss", "throttle.brake",
+             "throttle.reverse_rest", "throttle.signal_loss",
              "encoder.metres_per_edge", "encoder.ring", "imu.gyro_scale", "lidar.scale"}
 
 
