@@ -28,7 +28,7 @@ IS_LOG = np.array([True, True, False, True, True, True])
 DT, WINDOW, EVERY, READ = 0.01, 100, 50, np.array([10, 25, 50, 75, 100])  # s; samples
 ERRORS = np.array([0.15, 0.05, 0.4])  # of a first model after a second: m/s, m/s, rad/s
 SLOWEST, ROBUST, ROUNDS = 0.3, 2.0, 10  # m/s; typical errors; Gauss-Newton steps
-REPEATED = len(READ) * 5.0 / (EVERY * DT)  # read-outs within 5 s say the same as a single one
+REPEATED = len(READ) * 5.0 / (EVERY * DT)  # read-outs within 5 s count as a single one
 
 
 def cut_windows(recording, frame, base):

@@ -1,7 +1,7 @@
 """Learn to follow a track by PPO: 512 drawn cars drive on JAX, and a small network learns.
 
 Proximal policy optimisation (J. Schulman et al., 2017) with clipped ratios and generalised
-advantages. It is judged on cars and starts that it has not seen, beside pure pursuit.
+advantages. It is judged on cars and starts that it has not met, compared with pure pursuit.
 Needs JAX: pip install -e '.[jax]'
 
     python examples/jax/learn_by_ppo.py [UPDATES]
@@ -48,32 +48,32 @@ def apply(layers, x):
     return x @ w + b
 
 
-def log_density(net, seen, action):
+def log_density(net, observed, action):
     """Logarithm of the probability density of actions (n, 2)."""
-    z = (action - apply(net["actor"], seen)) * jnp.exp(-net["log_std"])
+    z = (action - apply(net["actor"], observed)) * jnp.exp(-net["log_std"])
     return jnp.sum(-0.5 * z**2 - net["log_std"], axis=-1)
 
 
-def pursue(seen):
+def pursue(observed):
     """Pure pursuit: steer along the circle to the point 0.6 m ahead, hold the speed."""
-    at = {name: seen[:, i] for i, name in enumerate(ENV.names)}
+    at = {name: observed[:, i] for i, name in enumerate(ENV.names)}
     curvature = 2.0 * at["y_0.6"] / (at["x_0.6"] ** 2 + at["y_0.6"] ** 2)
     throttle = 0.27 + 0.5 * (at["reference_speed"] - at["speed"])
     return jnp.stack([throttle, jnp.arctan(0.1735 * curvature) / 0.4], axis=1)
 
 
 @jax.jit
-def step(net, scale, state, seen, starts, key, explore, pursuit):
+def step(net, scale, state, observed, starts, key, explore, pursuit):
     """Advance all cars; one whose episode ended begins again at one of ``starts``.
 
     explore: 0 = the mean of the policy; pursuit: 1 = the baseline instead of the network.
     """
     own, which = jax.random.split(key)
-    noise = explore * jnp.exp(net["log_std"]) * jax.random.normal(own, (len(seen), 2))
-    action = apply(net["actor"], seen / scale) + noise
-    out = jax.vmap(ENV.step)(state, jnp.where(pursuit, pursue(seen), action))
+    noise = explore * jnp.exp(net["log_std"]) * jax.random.normal(own, (len(observed), 2))
+    action = apply(net["actor"], observed / scale) + noise
+    out = jax.vmap(ENV.step)(state, jnp.where(pursuit, pursue(observed), action))
     done = out.terminated | out.truncated
-    at = jax.random.randint(which, (len(seen),), 0, len(seen))
+    at = jax.random.randint(which, (len(observed),), 0, len(observed))
     first, fresh = jax.tree.map(lambda v: v[at], starts)
 
     def choose(new, old):
@@ -82,23 +82,23 @@ def step(net, scale, state, seen, starts, key, explore, pursuit):
     # Each car keeps its keys of random numbers.
     fresh = fresh._replace(key=out.state.key, car=fresh.car._replace(key=out.state.car.key))
     state = jax.tree.map(choose, fresh, out.state)
-    row = (seen / scale, action, REWARD_SCALE * out.reward, out.terminated, done,
+    row = (observed / scale, action, REWARD_SCALE * out.reward, out.terminated, done,
            out.observation / scale)
     return state, choose(first, out.observation), row, out.info["s"]
 
 
-def loss(net, seen, action, density, advantage, target):
-    ratio = jnp.exp(log_density(net, seen, action) - density)
+def loss(net, observed, action, density, advantage, target):
+    ratio = jnp.exp(log_density(net, observed, action) - density)
     gain = jnp.minimum(ratio * advantage, jnp.clip(ratio, 1 - CLIP, 1 + CLIP) * advantage)
-    value = apply(net["critic"], seen)[:, 0]
+    value = apply(net["critic"], observed)[:, 0]
     return -gain.mean() + 0.5 * jnp.mean((value - target) ** 2) - ENTROPY * net["log_std"].sum()
 
 
 @jax.jit
 def learn(net, adam, rows, key):
     """Update the network by the rows (STEPS, CARS, ...) of a rollout."""
-    seen, action, reward, terminated, done, then = rows
-    value, value_then = (apply(net["critic"], v)[..., 0] for v in (seen, then))
+    observed, action, reward, terminated, done, then = rows
+    value, value_then = (apply(net["critic"], v)[..., 0] for v in (observed, then))
     error = reward + DISCOUNT * value_then * (1.0 - terminated) - value
 
     # A_t = error_t + DISCOUNT TRACE A_(t+1) within an episode.
@@ -109,7 +109,7 @@ def learn(net, adam, rows, key):
     advantage = jax.lax.scan(back, jnp.zeros(CARS), (error, done), reverse=True)[1]
     target = advantage + value
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-6)
-    data = (seen, action, log_density(net, seen, action), advantage, target)
+    data = (observed, action, log_density(net, observed, action), advantage, target)
     data = jax.tree.map(lambda v: v.reshape(STEPS * CARS, *v.shape[2:]), data)
     order = [jax.random.permutation(k, STEPS * CARS) for k in jax.random.split(key, EPOCHS)]
 
@@ -131,9 +131,9 @@ def judge(net, scale, key, pursuit=False):
     """Mean share of a lap before the car leaves the lane, and share of cars that never do."""
     first, state = starts = reset(jax.random.split(key, CARS))
     begun, inside, share = np.asarray(state.memory.s), np.ones(CARS, bool), np.zeros(CARS)
-    seen = first
+    observed = first
     for _ in range(round(1.2 * LAP / SPEED / PERIOD)):
-        state, seen, row, s = step(net, scale, state, seen, starts, key, 0.0, pursuit)
+        state, observed, row, s = step(net, scale, state, observed, starts, key, 0.0, pursuit)
         inside &= ~np.asarray(row[3])
         share = np.where(inside, np.clip((np.asarray(s) - begun) / LAP, share, 1.0), share)
     return share.mean(), inside.mean()
@@ -144,8 +144,8 @@ def main(updates=UPDATES):
     key = jax.random.key(1)
     net = make_network(key)
     adam = (jax.tree.map(jnp.zeros_like, net), jax.tree.map(jnp.zeros_like, net), 0)
-    seen, state = starts = reset(jax.random.split(jax.random.key(2), CARS))
-    scale = jnp.std(seen, axis=0) + 0.1
+    observed, state = starts = reset(jax.random.split(jax.random.key(2), CARS))
+    scale = jnp.std(observed, axis=0) + 0.1
     unseen = jax.random.key(1_000_000)
     print("share of a lap in the lane, share of cars that stay in it:")
     baseline = judge(net, scale, unseen, pursuit=True)
@@ -156,7 +156,7 @@ def main(updates=UPDATES):
         rows = []
         for _ in range(STEPS):
             key, own = jax.random.split(key)
-            state, seen, row, _ = step(net, scale, state, seen, starts, own, 1.0, False)
+            state, observed, row, _ = step(net, scale, state, observed, starts, own, 1.0, False)
             rows.append(row)
         rows = [jnp.stack(column) for column in zip(*rows, strict=True)]
         key, own = jax.random.split(key)
