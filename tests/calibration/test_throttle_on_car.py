@@ -88,13 +88,13 @@ def backward_distance(url, folder, room=2.5):
         world.esc._reverse = lambda level: world.esc._set(EscMode.REVERSE, -level)
 
     watched = Watched(url, folder, remove_brake)
-    furthest = 0.0
+    greatest = 0.0
     back = 0.0
 
     def watch(state):
-        nonlocal furthest, back
-        furthest = max(furthest, watched.world.distance)
-        back = max(back, furthest - watched.world.distance)
+        nonlocal greatest, back
+        greatest = max(greatest, watched.world.distance)
+        back = max(back, greatest - watched.world.distance)
 
     watched.car.on_state(watch)
     with watched.car:
