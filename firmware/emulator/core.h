@@ -145,6 +145,11 @@ struct emu {
 		bool behind_mux; /* D8 gets its level while D5 is high */
 		bool level;
 	} capture;
+	struct {
+		avr_irq_t *input;
+		double mv, ohm; /* behind A0; ohm < 0: not connected */
+		uint32_t noise;
+	} divider;
 	struct event_log pins, marks;
 	struct isr_stat isr[VECTORS];
 };
@@ -191,6 +196,8 @@ void wheel_after_reset(emu_t *e);
 void wheel_event(emu_t *e, int ring);
 void wheel_clock(emu_t *e, double old_hz);
 void wheel_noise(emu_t *e, int ring);
+
+int divider_init(emu_t *e); /* after pins_init */
 
 int imu_init(emu_t *e);
 void imu_event(emu_t *e);

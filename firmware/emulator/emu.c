@@ -79,7 +79,7 @@ static bool find_parts(emu_t *e)
 	return watchdog_init(e) && uart_init(e) && twi_init(e) &&
 	       pins_init(e) && wheel_init(e) && imu_init(e) &&
 	       compare_init(e) && timer_flags_init(e) &&
-	       eeprom_init(e) && probe_init(e);
+	       eeprom_init(e) && divider_init(e) && probe_init(e);
 }
 
 emu_t *emu_new(const uint8_t *image, uint32_t n, uint32_t reset_pc)

@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#define EMU_ABI 4
+#define EMU_ABI 5
 
 typedef struct emu emu_t;
 
@@ -95,6 +95,8 @@ int emu_pin_state(const emu_t *e, int port, int bit);
 /* D8 gets what emu_pin says through the multiplexer's second section: low
  * unless the MCU drives D5 high. */
 void emu_capture(emu_t *e, int behind_mux);
+/* A0: a voltage behind a resistance; ohm < 0: nothing is connected. */
+void emu_divider(emu_t *e, double volt, double ohm);
 int emu_pin_log(emu_t *e, uint64_t *cycle, uint8_t *pin, uint8_t *state,
 		int max); /* pin = port letter - 'B' << 4 | bit; drains */
 

@@ -5,6 +5,7 @@
 #include <Arduino.h>  // setup, loop: the core's main calls them
 
 #include "app/commands.h"
+#include "app/inputs.h"
 #include "app/logbook.h"
 #include "app/safety.h"
 #include "app/sensors.h"
@@ -100,6 +101,7 @@ void write_eeprom() {
 void run_slot(uint8_t late) {
   Tick const begin = board::now();
   send_state();
+  inputs_slot(begin);
   send_next(begin);
   if (late != 0) {
     note_overrun(begin, late);
@@ -142,6 +144,7 @@ void loop() {
   receive_frames();
   Tick const now = latch_encoders();
   collect_edges();
+  collect_pulses();
   safety_step(now);
   send_pong();
   imu_step(now);

@@ -22,8 +22,8 @@ from firmware_rig import Rig, eeprom_image  # noqa: E402
 CYCLES_PER_US = 16
 ATOMIC, BUILD = 1, 2  # marks, as in src/board/marks.h
 INT0, PHASE = 1, 12
-VECTORS = {1: "INT0", 2: "INT1", 10: "TIMER1_CAPT", 11: "TIMER1_COMPA", 12: "TIMER1_COMPB",
-           13: "TIMER1_OVF", 18: "USART_RX", 19: "USART_UDRE", 24: "TWI"}
+VECTORS = {1: "INT0", 2: "INT1", 3: "PCINT0", 10: "TIMER1_CAPT", 11: "TIMER1_COMPA",
+           12: "TIMER1_COMPB", 13: "TIMER1_OVF", 18: "USART_RX", 19: "USART_UDRE", 24: "TWI"}
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,15 @@ def drive(rig: Rig, seconds: float) -> None:
     for n in range(round(seconds / 0.02)):
         rig.nano.set_wheel(250 if n % 3 else 500)  # 5 and 10 k edges/s, the rule refuses some
         rig.nano.set_imu((0.1 * (n % 7), 0.2, 0.3), (1, 0.1 * (n % 11), 3))
-        rig.send("HEARTBEAT", arm_token=token, mode=n // 50 % 2, flags=1)
+        rig.send("HEARTBEAT", arm_token=token, mode=n // 50 % 2, flags=13)
         rig.send("TIME_PING", ping_id=n, host_us=n)
         rig.send("PARAM_GET", id=n % 12)
         if n % 40 == 0:
             rig.send("EDGES_REQ", frames=5)
             rig.send("CAPTURE_REQ", frames=3)
         level = not level
-        rig.nano.set_pin("D8", level)
+        for pin in ("D8", "D10", "D11"):
+            rig.nano.set_pin(pin, level)
         rig.run(0.02)
 
 

@@ -10,6 +10,7 @@
 #include <new>
 
 #include "../src/app/commands.h"
+#include "../src/app/inputs.h"
 #include "../src/app/safety.h"
 #include "../src/app/state.h"
 #include "../src/app/telemetry.h"
@@ -86,6 +87,7 @@ void ask_diag() {}
 void ask_capture(uint16_t, Tick) {}
 bool ask_param_value(ParamAnswer const&) { return true; }
 void ask_pong(wire::TimePing const&, Tick) {}
+void request_inputs(Tick, uint8_t) {}
 
 }  // namespace app
 }  // namespace dart

@@ -5,6 +5,7 @@
 #include <new>
 
 #include "../src/core/baud_guard.h"
+#include "../src/core/battery_meter.h"
 #include "../src/core/beat_counter.h"
 #include "../src/core/bno055.h"
 #include "../src/core/crc16.h"
@@ -18,7 +19,9 @@
 #include "../src/core/params.h"
 #include "../src/core/progress.h"
 #include "../src/core/pulse_capture.h"
+#include "../src/core/rc_receiver.h"
 #include "../src/core/rx_stats.h"
+#include "../src/core/stamp_ring.h"
 #include "../src/core/supervisor.h"
 
 using namespace dart;
@@ -54,7 +57,8 @@ struct Messages {};
 using Fixed =
     Messages<wire::Hello, wire::HelloReq, wire::State, wire::Diag,
              wire::TimePong, wire::Event, wire::Edges, wire::ParamValue,
-             wire::Capture, wire::Heartbeat, wire::TimePing, wire::ParamGet,
+             wire::Capture, wire::Rc, wire::Battery, wire::Heartbeat,
+             wire::TimePing, wire::ParamGet,
              wire::ParamSet, wire::Reboot, wire::EdgesReq, wire::CaptureReq>;
 
 bool repack_any(Messages<>, uint8_t, uint8_t const*, uint8_t*) {
@@ -83,6 +87,9 @@ BaudGuard baud_guard;
 DirectionGuard direction;
 BeatCounter beats;
 Progress progress;
+RcReceiver receiver;
+StampRing stamps;
+BatteryMeter meter;
 Supervisor supervisor(0);
 
 // EEPROM in memory that can lose its supply after some writes.
@@ -324,6 +331,47 @@ API void progress_new(uint8_t slots, uint8_t sent) {
 }
 API int32_t progress_made(uint8_t slots, uint8_t sent) {
   return progress.made(slots, sent);
+}
+
+// --- RC receiver, battery -------------------------------------------------
+
+API void rc_new(uint32_t now, uint8_t levels) {
+  renew(receiver);
+  receiver.start(now, levels);
+}
+API void rc_edge(uint32_t at, uint8_t levels) { receiver.edge(at, levels); }
+API void rc_gap(uint32_t now, uint8_t levels) { receiver.gap(now, levels); }
+API void rc_frame(uint32_t now, uint8_t* out) {
+  pack(receiver.frame(now), out);
+}
+
+API void stamps_new(uint8_t count) {
+  renew(stamps);
+  stamps.written = stamps.taken = count;
+}
+API int32_t stamps_put(uint16_t at, uint8_t levels) {
+  return stamps.put(at, levels);
+}
+// The stamp in bits 8 to 23 and the levels in bits 0 to 7; -1: empty.
+API int32_t stamps_take() {
+  PinStamp stamp;
+  return stamps.take(stamp) ? stamp.at << 8 | stamp.levels : -1;
+}
+
+API void meter_new() {
+  renew(meter);
+  meter.start();
+}
+API int32_t meter_next(uint32_t now, uint16_t counts) {
+  return static_cast<int32_t>(meter.next(now, counts));
+}
+// 1: a result was written.
+API int32_t meter_take(uint8_t* out) {
+  if (!meter.ready()) {
+    return 0;
+  }
+  pack(meter.take(), out);
+  return 1;
 }
 
 // --- supervisor -----------------------------------------------------------

@@ -14,7 +14,8 @@ from dart_hal.wire.rules import check
 
 PAYLOADS = {
     "HELLO": 34, "HELLO_REQ": 6, "STATE": 38, "DIAG": 32, "TIME_PONG": 16, "EVENT": 10,
-    "EDGES": 24, "LOG": 50, "PARAM_VALUE": 8, "CAPTURE": 18, "HEARTBEAT": 10, "TIME_PING": 6,
+    "EDGES": 24, "LOG": 50, "PARAM_VALUE": 8, "CAPTURE": 18, "RC": 14, "BATTERY": 10,
+    "HEARTBEAT": 10, "TIME_PING": 6,
     "PARAM_GET": 2, "PARAM_SET": 8, "REBOOT": 6, "EDGES_REQ": 2, "CAPTURE_REQ": 2,
 }
 

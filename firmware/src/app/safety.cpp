@@ -1,6 +1,7 @@
 #include "safety.h"
 
 #include "../board/outputs.h"
+#include "inputs.h"
 #include "state.h"
 
 namespace dart {
@@ -36,6 +37,7 @@ void heartbeat(wire::Heartbeat const& beat, Tick at) {
   constexpr uint8_t kDirectionBits = 3;
   direction.command(
       static_cast<wire::Direction>(beat.flags & kDirectionBits));
+  request_inputs(at, beat.flags);
   safety_step(at);  // a beat that was missed first
   supervisor.beat(at, static_cast<wire::BeatMode>(beat.mode),
                   beat.arm_token == identity.nonce());

@@ -6,6 +6,7 @@
 #include "../board/stack.h"
 #include "../board/supply.h"
 #include "../board/uart.h"
+#include "inputs.h"
 #include "link.h"
 #include "logbook.h"
 #include "state.h"
@@ -151,7 +152,9 @@ void send_next(Tick now) {
   if (diag_in != 0) {
     --diag_in;
   }
-  if (hello_due()) {
+  if (rc_due()) {
+    send(rc_frame(now));
+  } else if (hello_due()) {
     send_hello(hello_seq);
     hello_asked = false;
     hello_seq = 0;
@@ -165,6 +168,8 @@ void send_next(Tick now) {
   } else if (diag_in == 0) {
     diag_in = kDiagSlots;
     send_diag(now);
+  } else if (battery_ready()) {
+    send(battery_frame());
   } else if (edge_log.ready()) {
     send(edge_log.frame());
     edge_log.sent();

@@ -16,7 +16,11 @@ constexpr uint8_t kGate = _BV(PD6);       // D6 MOSFET that pulls /OE low
 constexpr uint8_t kIrPower = _BV(PD7);    // D7 supplies the IR sensor
 constexpr uint8_t kCapture = _BV(PB0);    // D8 [ICP1] spare PCA9685 channel
 constexpr uint8_t kOwnPulse = _BV(PB1);   // D9 [OC1A] own neutral pulse
+// D10 to D12 [PCINT2 to 4] RC receiver, option: steering, throttle, mode
+constexpr uint8_t kReceiver = _BV(PB2) | _BV(PB3) | _BV(PB4);
+constexpr uint8_t kReceiverShift = PB2;
 constexpr uint8_t kLed = _BV(PB5);        // D13 state LED
+constexpr uint8_t kDivider = _BV(PC0);    // A0 divider of the battery, option
 constexpr uint8_t kSda = _BV(PC4);        // A4
 constexpr uint8_t kScl = _BV(PC5);        // A5
 

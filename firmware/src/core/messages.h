@@ -20,7 +20,7 @@ namespace dart {
 namespace wire {
 
 constexpr uint8_t kProto = 1;
-constexpr uint32_t kSchema = 0x08C6BC5Dul;
+constexpr uint32_t kSchema = 0x1C2E9561ul;
 constexpr uint32_t kTicksPerSecond = 2000000ul;
 constexpr uint16_t kSeedForever = 0xFFFFu;
 constexpr uint32_t kRebootMagic = 0x44415254ul;
@@ -94,6 +94,12 @@ enum class Direction : uint8_t {
   kUnknown = 0,
   kForward = 1,
   kReverse = 2,
+};
+
+// Further bits of Heartbeat::flags.
+enum class BeatRequest : uint8_t {
+  kRc = 4,
+  kBattery = 8,
 };
 
 // Reboot::kind.
@@ -779,6 +785,99 @@ inline void unpack(uint8_t const* in, Capture& m) {
 
 inline bool unpack(uint8_t const* in, size_t size, Capture& m) {
   if (size != Capture::kSize) {
+    return false;
+  }
+  unpack(in, m);
+  return true;
+}
+
+// RC, up, 50 Hz while a HEARTBEAT requests it: pulses of an RC receiver.
+struct Rc {
+  static constexpr uint8_t kId = 0x18;
+  static constexpr uint8_t kSize = 14;
+  static constexpr uint16_t kSeed = 0x85E1u;
+  // time at which the ages were computed [0.5 us]
+  uint32_t t_ck;
+  // newest good pulse of steering (D10), throttle (D11), mode (D12); 0 = no
+  // signal [0.5 us]
+  uint16_t pulse[3];
+  // age of these pulses, saturates at 255 [ms]
+  uint8_t age[3];
+  // pulses refused: length, period or missed edges; wraps
+  uint8_t refused;
+};
+static_assert(sizeof(Rc::t_ck) + sizeof(Rc::pulse) + sizeof(Rc::age) +
+              sizeof(Rc::refused) == Rc::kSize,
+              "every byte of the payload belongs to a field");
+
+inline void pack(Rc const& m, uint8_t* out) {
+  detail::put(out, m.t_ck);
+  for (uint8_t i = 0; i < 3; ++i) {
+    detail::put(out + 4 + 2 * i, m.pulse[i]);
+  }
+  for (uint8_t i = 0; i < 3; ++i) {
+    detail::put(out + 10 + i, m.age[i]);
+  }
+  detail::put(out + 13, m.refused);
+}
+
+// The caller has checked that kSize bytes are there.
+inline void unpack(uint8_t const* in, Rc& m) {
+  detail::get(in, m.t_ck);
+  for (uint8_t i = 0; i < 3; ++i) {
+    detail::get(in + 4 + 2 * i, m.pulse[i]);
+  }
+  for (uint8_t i = 0; i < 3; ++i) {
+    detail::get(in + 10 + i, m.age[i]);
+  }
+  detail::get(in + 13, m.refused);
+}
+
+inline bool unpack(uint8_t const* in, size_t size, Rc& m) {
+  if (size != Rc::kSize) {
+    return false;
+  }
+  unpack(in, m);
+  return true;
+}
+
+// BATTERY, up, 8 Hz while a HEARTBEAT requests it: divider of the battery on
+// A0.
+struct Battery {
+  static constexpr uint8_t kId = 0x19;
+  static constexpr uint8_t kSize = 10;
+  static constexpr uint16_t kSeed = 0xE5EBu;
+  // time of the last conversion [0.5 us]
+  uint32_t t_ck;
+  // sum of four conversions of A0; 4092 = supply of the Nano
+  uint16_t pin;
+  // sum of four conversions of the 1.1 V band gap; 4092 = supply
+  uint16_t reference;
+  // one conversion of A0 with its pull-up; 1023 = supply
+  uint16_t pulled;
+};
+static_assert(sizeof(Battery::t_ck) + sizeof(Battery::pin) +
+              sizeof(Battery::reference) + sizeof(Battery::pulled) ==
+              Battery::kSize,
+              "every byte of the payload belongs to a field");
+
+inline void pack(Battery const& m, uint8_t* out) {
+  detail::put(out, m.t_ck);
+  detail::put(out + 4, m.pin);
+  detail::put(out + 6, m.reference);
+  detail::put(out + 8, m.pulled);
+}
+
+// The caller has checked that kSize bytes are there.
+inline void unpack(uint8_t const* in, Battery& m) {
+  detail::get(in, m.t_ck);
+  detail::get(in + 4, m.pin);
+  detail::get(in + 6, m.reference);
+  detail::get(in + 8, m.pulled);
+}
+
+inline bool unpack(uint8_t const* in, size_t size, Battery& m) {
+  if (size != Battery::kSize) {
     return false;
   }
   unpack(in, m);

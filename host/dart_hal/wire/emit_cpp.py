@@ -144,6 +144,8 @@ def _enums() -> str:
         _enum("enum class BeatMode : uint8_t", "Heartbeat::mode.", values(spec.BEAT_MODES)),
         _enum("enum class Direction : uint8_t", "Bits 0-1 of Heartbeat::flags.",
               values(spec.DIRECTIONS)),
+        _enum("enum class BeatRequest : uint8_t", "Further bits of Heartbeat::flags.",
+              values(spec.BEAT_REQUESTS)),
         _enum("enum class RebootKind : uint16_t", "Reboot::kind.", values(spec.REBOOT_KINDS)),
         _enum("enum class ParamStatus : uint8_t", "ParamValue::status.",
               values(spec.PARAM_STATUS)),

@@ -145,6 +145,7 @@ def _codes() -> str:
         ("EVENT.code", ", ".join(f"{code} {name}" for code, name in spec.EVENT_CODES.items())),
         ("HEARTBEAT.mode", list_codes(spec.BEAT_MODES)),
         ("HEARTBEAT.flags, bits 0-1", list_codes(spec.DIRECTIONS)),
+        ("HEARTBEAT.flags, request of messages", list_codes(spec.BEAT_REQUESTS)),
         ("PARAM_VALUE.status", list_codes(spec.PARAM_STATUS)),
         ("HELLO.caps (bits)", list_bits(spec.CAPS)),
         ("HELLO.build (bits)", list_bits(spec.BUILD_FLAGS)),

@@ -217,6 +217,21 @@ CAPTURE = _m(
     _F("high_min", "u16", "shortest high time", **_CK),
     _F("high_max", "u16", "longest high time", **_CK),
 )
+RC = _m(
+    "RC", 0x18, "up", "50 Hz while a HEARTBEAT requests it", "pulses of an RC receiver",
+    _F("t_ck", "u32", "time at which the ages were computed", **_CK),
+    _F("pulse", "u16", "newest good pulse of steering (D10), throttle (D11), mode (D12); "
+       "0 = no signal", 3, 0.5e-6, "s"),
+    _F("age", "u8", "age of these pulses, saturates at 255", 3, 1e-3, "s"),
+    _F("refused", "u8", "pulses refused: length, period or missed edges; wraps"),
+)
+BATTERY = _m(
+    "BATTERY", 0x19, "up", "8 Hz while a HEARTBEAT requests it", "divider of the battery on A0",
+    _F("t_ck", "u32", "time of the last conversion", **_CK),
+    _F("pin", "u16", "sum of four conversions of A0; 4092 = supply of the Nano"),
+    _F("reference", "u16", "sum of four conversions of the 1.1 V band gap; 4092 = supply"),
+    _F("pulled", "u16", "one conversion of A0 with its pull-up; 1023 = supply"),
+)
 HEARTBEAT = _m(
     "HEARTBEAT", 0x40, "down", "50 Hz", "feeds the watchdog, gives the direction sign",
     _F("host_id", "u16", "random per open; virtual time: crc16(url)"),
@@ -257,6 +272,7 @@ CAPTURE_REQ = _m(
 
 MESSAGES: tuple[Message, ...] = (
     HELLO, HELLO_REQ, STATE, DIAG, TIME_PONG, EVENT, EDGES, LOG, PARAM_VALUE, CAPTURE,
+    RC, BATTERY,
     HEARTBEAT, TIME_PING, PARAM_GET, PARAM_SET, REBOOT, EDGES_REQ, CAPTURE_REQ,
 )
 BY_ID = {m.id: m for m in MESSAGES}
@@ -318,6 +334,8 @@ BUILD_FLAGS = ("DIRTY", "EMULATOR_TEST", "MOCK")
 REBOOT_KINDS = {"APPLICATION": 1, "BOOTLOADER": 2}
 # Bits 0-1 of HEARTBEAT.flags.
 DIRECTIONS = {"UNKNOWN": 0, "FORWARD": 1, "REVERSE": 2}
+# Bits of HEARTBEAT.flags that request the messages RC and BATTERY; without them none is sent.
+BEAT_REQUESTS = {"RC": 4, "BATTERY": 8}
 
 # HELLO.reset_cause: MCUSR bits, and this one if the mark in .noinit was set.
 RESET_WATCHDOG_MARK = 0x10

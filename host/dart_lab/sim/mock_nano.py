@@ -23,6 +23,7 @@ from dart_lab.sim.eeprom import encode_params, parse_eeprom
 from dart_lab.sim.mock_capture import MockCapture
 from dart_lab.sim.mock_encoder import MockEncoder
 from dart_lab.sim.mock_imu import IMU_START, MockImu
+from dart_lab.sim.mock_inputs import BATTERY_SLOTS, MockReceiver, measure_divider
 from dart_lab.sim.mock_pins import MockPins
 from dart_lab.sim.mock_supervisor import MockSupervisor, OutputState
 from dart_lab.sim.mock_uart import MockUart
@@ -48,6 +49,8 @@ IMU_RESET = 0.650
 BROWN_OUT_VOLT = 2.7
 # Number of equal samples in motion after which an IMU is reported as stuck.
 STUCK_SAMPLES = 20
+# Pins of the RC receiver: steering, throttle, mode.
+RC_PINS = ("D10", "D11", "D12")
 RESET_CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
 _FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
 
@@ -82,6 +85,8 @@ class MockNano:
         self._wait = boot or BootWait()
         self._dead = False
         self._vcc = 5.0
+        self._divider: tuple[float | None, float] = (None, 0.0)
+        self._rc_levels = 0
         self._imu_from = 0.0
         self._boot("external" if boot and any(boot) else "power")
 
@@ -173,6 +178,15 @@ class MockNano:
         """Set the level of an input pin; D8 is the input capture."""
         if name == "D8":
             self._capture.edge(self._pins.board_edge(level, self.now), self._ck(self.now))
+        elif name in RC_PINS:
+            bit = 1 << RC_PINS.index(name)
+            self._rc_levels = self._rc_levels & ~bit | (bit if level else 0)
+            if self._requested & m.BEAT_REQUESTS["RC"]:
+                self._receiver.edge(self._ck(self.now), self._rc_levels)
+
+    def set_divider(self, volt: float | None, ohm: float = 7500.0) -> None:
+        """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
+        self._divider = (volt, ohm)
 
     def capture_behind_mux(self, on: bool) -> None:
         """Connect D8 through a multiplexer: low unless D5 is high."""
@@ -221,6 +235,8 @@ class MockNano:
         self._capture = MockCapture()
         self._queue: deque[tuple[m.Message, Any]] = deque()
         self._edges: list[int] = []
+        self._requested = self._battery_slots = 0
+        self._receiver = MockReceiver(0)
         self._decoder = FrameDecoder(DOWN)
         before = self._pins.take(self.now)
         self._pins = MockPins(self.params[7], self.now, self._starts, before)
@@ -242,7 +258,16 @@ class MockNano:
         self.supervisor.check(self.now)
         self._report_changes()
         self._send(m.STATE, self._state(ck & 0xFFFFFFFF), self.now + LATCH_TO_UART)
-        if self._slots in self._hello_slots:
+        if self.supervisor.age(self.now) > self.supervisor.timeout:
+            self._requested = 0
+        self._battery_slots += 1
+        if self._requested & m.BEAT_REQUESTS["BATTERY"] \
+                and self._battery_slots % BATTERY_SLOTS == 0:
+            values = measure_divider(ck & 0xFFFFFFFF, *self._divider, self._vcc)
+            self._queue.append((m.BATTERY, values))
+        if self._requested & m.BEAT_REQUESTS["RC"] and self._slots % 2:
+            self._send(m.RC, self._receiver.frame(ck & 0xFFFFFFFF))
+        elif self._slots in self._hello_slots:
             self._send(m.HELLO, self._hello(0))
         elif self._slots % 50 == 0:
             self._send(m.DIAG, self._diag(ck & 0xFFFFFFFF))
@@ -371,6 +396,12 @@ class MockNano:
     def _on_heartbeat(self, frame: WireFrame, t: float) -> None:
         beat = frame.as_dict()
         self.supervisor.beat(t, beat["arm_token"], beat["mode"])
+        requested = beat["flags"] & sum(m.BEAT_REQUESTS.values())
+        if (requested ^ self._requested) & m.BEAT_REQUESTS["RC"]:
+            self._receiver = MockReceiver(self._ck(t), self._rc_levels)
+        if (requested ^ self._requested) & m.BEAT_REQUESTS["BATTERY"]:
+            self._battery_slots = 0
+        self._requested = requested
 
     def _on_time_ping(self, frame: WireFrame, t: float) -> None:
         begin = max(self._uart.tx_free, t + LATCH_TO_UART)

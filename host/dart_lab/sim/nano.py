@@ -33,7 +33,10 @@ class Nano(Protocol):
         """Set the true values in sensor axes, in SI units, from now on."""
 
     def set_pin(self, name: str, level: bool) -> None:
-        """Set the level of an input; "D8" is the input capture."""
+        """Set the level of an input; "D8" is the input capture, D10 to D12 the RC receiver."""
+
+    def set_divider(self, volt: float | None, ohm: float = 7500.0) -> None:
+        """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
 
     def capture_behind_mux(self, on: bool) -> None:
         """Connect D8 through a multiplexer: low unless the Nano drives D5 high."""

@@ -15,7 +15,7 @@ from dart_hal.core.errors import EmulatorMissing
 from dart_hal.devices.links.image import FIRMWARE_DIR
 
 # EMU_ABI of the emu.h that the signatures below follow.
-ABI = 4
+ABI = 5
 
 REMEDY = "make firmware" if FIRMWARE_DIR.is_dir() else (
     "clone the project and run `make firmware` in it (a wheel carries no emulator), then "
@@ -57,6 +57,7 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
     "emu_pin": (None, _P, _I, _I, _I),
     "emu_capture": (None, _P, _I),
     "emu_pin_state": (_I, _P, _I, _I),
+    "emu_divider": (None, _P, _D, _D),
     "emu_pin_log": (_I, _P, _P, _P, _P, _I),
     "emu_eeprom_get": (_I, _P, _P, _I),
     "emu_eeprom_set": (_I, _P, c.c_char_p, _I),

@@ -32,7 +32,8 @@ I2C_FAULTS = {"ok": 0, "nack": 1, "sda": 2, "scl": 3, "dead": 4}
 IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6,
               "intermittent": 7, "zero": 8}
 PINS = {"D4": ("D", 4), "D5": ("D", 5), "D6": ("D", 6), "D7": ("D", 7), "D8": ("B", 0),
-        "D9": ("B", 1), "D13": ("B", 5), "SDA": ("C", 4), "SCL": ("C", 5)}
+        "D9": ("B", 1), "D10": ("B", 2), "D11": ("B", 3), "D12": ("B", 4), "D13": ("B", 5),
+        "SDA": ("C", 4), "SCL": ("C", 5)}
 _PIN_NAMES = {(ord(port) - ord("B")) << 4 | bit: name for name, (port, bit) in PINS.items()}
 _LEVEL = (0, 1, None)
 
@@ -339,6 +340,10 @@ class EmulatedNano:
             raise UsageError(f"pin {name!r} is not wired", expected=", ".join(PINS))
         port, bit = PINS[name]
         self._lib.emu_pin(self._emu, ord(port), bit, level)
+
+    def set_divider(self, volt: float | None, ohm: float = 7500.0) -> None:
+        """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
+        self._lib.emu_divider(self._emu, volt or 0.0, -1.0 if volt is None else ohm)
 
     def capture_behind_mux(self, on: bool) -> None:
         """Connect D8 to the level of ``set_pin`` only while the MCU drives D5 high."""
