@@ -1,7 +1,8 @@
 """The voltage of the battery: read at a low rate, a warning, and a limit of the throttle.
 
-The reading is made right after the pulses of a PWM frame have been written, so that the bus is free
-again before the next ones. On a real bus a thread makes it, over a connection of its own.
+An INA219 is read right after the pulses of a PWM frame have been written, so that the bus is free
+again before the next ones. On a real bus a thread does it, over a connection of its own. A divider
+at the Nano is read by the Nano.
 
 Four readings in a row, one second, must be below a threshold: an acceleration alone is no empty
 battery. The limit ends ``RELEASE_MARGIN`` per cell above its threshold, again for four readings,
@@ -13,13 +14,15 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import isnan, nan
+from typing import Any
 
 from dart_hal.core.config.car import BatteryConfig
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import Bus
 from dart_hal.core.ports.bus import bus_name, explain
+from dart_hal.devices.battery.divider import decode_divider
 from dart_hal.devices.battery.ina219 import (
     BUS_VOLTAGE,
     check_ina219,
@@ -69,36 +72,25 @@ class BatteryLimit:
             self.limited = False
 
 
-class BatteryMonitor:
-    """Reads the sensor of an open car.
+class BatteryWatch:
+    """Turns the readings of a source into the warning and the limit; base of the sources.
 
     voltage [V]: newest reading, None: no sensor, or it does not answer; cap: largest forward
     throttle while the battery is low, else None; trouble: why there is no voltage.
     """
 
-    def __init__(self, backend: Backend, config: BatteryConfig) -> None:
-        assert backend.bus is not None
+    def __init__(self, config: BatteryConfig) -> None:
         self.voltage: float | None = None
         self.cap: float | None = None
         self.trouble: DartHalError | None = None
         self._config = config
         self._limit = BatteryLimit(config)
-        self._spec = None if backend.virtual else backend.url.options.get("i2c")
-        self._shared: Bus = backend.bus
-        self._bus: Bus | None = None
-        self._checked = False
         self._warned = False
         self._lost = False
         self._due_at = float("-inf")
         self._read_at = float("-inf")
         # Result of a reading that ``update`` has not taken over: V, or an error.
         self._result: float | DartHalError | None = None
-        self._request = threading.Event()
-        self._closed = False
-        self._thread: threading.Thread | None = None
-        if not backend.virtual:
-            self._thread = threading.Thread(target=self._run, name="battery", daemon=True)
-            self._thread.start()
 
     def update(self, now: float) -> float | None:
         """Take over a finished reading and start the next one; call it after a PWM frame.
@@ -106,17 +98,9 @@ class BatteryMonitor:
         Returns the new voltage [V], NaN if it has just been lost, None without news.
         """
         before = self.voltage
-        result = self._result
-        self._result = None
+        result = self._read(now)
         if result is not None:
             self._take(result, now)
-        if now >= self._due_at:
-            self._due_at = now + READ_INTERVAL
-            if self._thread is not None:
-                self._request.set()
-            else:
-                self._take(self._measure(), now)
-                result = self.voltage
         if self.voltage is not None and now - self._read_at > MAX_READING_AGE:
             self.voltage = None
         if self.voltage is None:
@@ -124,11 +108,11 @@ class BatteryMonitor:
         return self.voltage if result is not None else None
 
     def close(self) -> None:
-        """End the thread; it is not waited for longer than a reading takes."""
-        self._closed = True
-        self._request.set()
-        if self._thread is not None:
-            self._thread.join(timeout=0.1)
+        """End the readings."""
+
+    def _read(self, now: float) -> float | DartHalError | None:
+        """Return a reading [V] or its error if one is finished; start the next one if it is due."""
+        raise NotImplementedError
 
     def _take(self, result: float | DartHalError, now: float) -> None:
         """Take over a reading or an error; report each loss and the low battery once."""
@@ -154,6 +138,41 @@ class BatteryMonitor:
             log.warning("the battery is empty: below %g V per cell; the throttle is limited to %g",
                         config.limit_cell, cap)
         self.cap = cap
+
+
+class BatteryMonitor(BatteryWatch):
+    """Reads the INA219 of an open car."""
+
+    def __init__(self, backend: Backend, config: BatteryConfig) -> None:
+        assert backend.bus is not None
+        super().__init__(config)
+        self._spec = None if backend.virtual else backend.url.options.get("i2c")
+        self._shared: Bus = backend.bus
+        self._bus: Bus | None = None
+        self._checked = False
+        self._request = threading.Event()
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        if not backend.virtual:
+            self._thread = threading.Thread(target=self._run, name="battery", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; it is not waited for longer than a reading takes."""
+        self._closed = True
+        self._request.set()
+        if self._thread is not None:
+            self._thread.join(timeout=0.1)
+
+    def _read(self, now: float) -> float | DartHalError | None:
+        result = self._result
+        self._result = None
+        if now >= self._due_at:
+            self._due_at = now + READ_INTERVAL
+            if self._thread is None:
+                return self._measure()
+            self._request.set()
+        return result
 
     def _measure(self) -> float | DartHalError:
         """Read the voltage [V]; the first time, check which device answers."""
@@ -189,8 +208,25 @@ class BatteryMonitor:
             self._bus.close()
 
 
+class DividerBattery(BatteryWatch):
+    """Takes the voltage at A0 of the Nano from its messages BATTERY."""
+
+    def add(self, values: Mapping[str, Any], t: float) -> None:
+        """Take over the message BATTERY that arrived at host time ``t`` [s]."""
+        assert self._config.ratio is not None
+        self._result = decode_divider(values, self._config.ratio, self._config.cells)
+
+    def _read(self, now: float) -> float | DartHalError | None:
+        result = self._result
+        if result is None or now < self._due_at:
+            return None
+        self._due_at = now + READ_INTERVAL
+        self._result = None
+        return result
+
+
 class RecordedBattery:
-    """The voltages of a recording, in the place of a ``BatteryMonitor``."""
+    """The voltages of a recording, in the place of a ``BatteryWatch``."""
 
     def __init__(self, readings: Iterable[tuple[float, float]]) -> None:
         self.voltage: float | None = None

@@ -401,7 +401,8 @@ class Car:
             sender = f"source {source}"
             target = to_finite("speed", speed, sender)
             window = limit_validity(valid_for, sender)
-            armed = self._engine.driver.mode is ArmState.ARMED
+            driver = self._engine.driver
+            armed = driver.mode is ArmState.ARMED and not driver.overridden
             throttle = self._loop.throttle(target, self._state, armed=armed, window=window)
         applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
                              source=source)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.facts import MAX_SWITCH_ON_TIME, STALE_LINK_TIME, Observer
 from dart_hal.car.guarding import GuardPost
+from dart_hal.car.rc import RcOverride
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
@@ -59,6 +60,11 @@ class Driver:
                                  demand=lambda: self.supervisor.output)
         self.observer = Observer(files, backend, receiver, self.actuator)
         self._neutral_watch = NeutralWatch()
+        self.rc: RcOverride | None = None
+        if files.config.rc is not None and files.config.rc.enabled:
+            self.rc = RcOverride(files.config)
+            receiver.handlers["RC"] = self.rc.add
+            transmitter.request("RC")
         # In virtual time the world waits for its program, and nothing is missed.
         self.suspend = None if backend.virtual else SuspendDetector()
         self._guard: GuardPost | None = None
@@ -156,6 +162,23 @@ class Driver:
         lost = health.speed_doubted if self.mode is ArmState.RAW else health.encoder_lost
         cap = self._files.config.limits.encoder_lost_throttle
         self.actuator.throttle_cap = cap if lost and not self.supervisor.lifted else None
+        self._step_rc(now)
+
+    @property
+    def overridden(self) -> bool:
+        """Return whether the driver of an RC transmitter drives in the place of the program."""
+        return self.rc is not None and self.rc.active and self.mode is ArmState.ARMED
+
+    def _step_rc(self, now: float) -> None:
+        """Give the command of the RC driver to the actuator; stop at once without his signal."""
+        if self.rc is None:
+            return
+        if self.rc.step(now, armed=self.mode is ArmState.ARMED):
+            if self.mode in LIVE_MODES:
+                self._step(now, ["RC_LOST"], ())
+            # A ramp of a stop ends as well.
+            self.actuator.stop_at_once()
+        self.actuator.set_override(self.rc.command(now) if self.overridden else None)
 
     def _watch_neutral(self, state: State, now: float) -> None:
         """Switch the pulses off if the car accelerates at neutral."""
@@ -187,6 +210,8 @@ class Driver:
             causes.append("SUSPENDED")
         if self.holders:
             causes.append("RUN_STOP")
+        if self.rc is not None and self.rc.active and self.mode is ArmState.RAW:
+            causes.append("RC_OVERRIDE")
         return causes
 
     def _cut_off(self, now: float) -> bool:
@@ -212,6 +237,7 @@ class Driver:
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat.
         """
+        self._step_rc(now)
         self.supervisor.set_blind(now, self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
@@ -258,7 +284,8 @@ class Driver:
         refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
         facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now),
                                     supervisor.silent)
-        return replace(facts, command_ok=not refused, run_stop=bool(self.holders))
+        return replace(facts, command_ok=not refused, run_stop=bool(self.holders),
+                       rc_lost=self.rc is not None and self.rc.lost)
 
     def is_settled(self, now: float) -> bool:
         """Return whether all conditions hold that are met by waiting after an opening or drive."""

@@ -18,7 +18,7 @@ from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from dart_hal.car.battery import BatteryMonitor, RecordedBattery
+from dart_hal.car.battery import BatteryMonitor, BatteryWatch, DividerBattery, RecordedBattery
 from dart_hal.car.camera import CarCamera
 from dart_hal.car.driver import Driver
 from dart_hal.car.facts import BEAT_LIMIT, STALE_LINK_TIME
@@ -31,6 +31,7 @@ from dart_hal.car.receive import Receiver
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
+from dart_hal.core.config.car import BatteryConfig
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import Link
 from dart_hal.core.timing import PWM_FRAME
@@ -81,14 +82,23 @@ class Engine:
                       else CarLidar(backend.lidar, mount_of(files), lambda: self.lock))
         self.camera = (None if backend.camera is None
                        else CarCamera(backend.camera, lambda: self.lock))
-        self.battery: BatteryMonitor | RecordedBattery | None = None
+        self.battery: BatteryWatch | RecordedBattery | None = None
         if backend.battery:
             self.battery = RecordedBattery(backend.battery)
         elif backend.bus is not None and files.config.battery is not None:
-            self.battery = BatteryMonitor(backend, files.config.battery)
+            self.battery = self._open_battery(files.config.battery)
         self.localiser = localiser_of(backend, self.lidar)
         self.guard: ObstacleGuard | None = None
         self.listeners: list[Callable[[State], None]] = []
+
+    def _open_battery(self, config: BatteryConfig) -> BatteryWatch:
+        """Return what measures the battery: the INA219, or the Nano at its next heartbeats."""
+        if config.source == "ina219":
+            return BatteryMonitor(self.backend, config)
+        divider = DividerBattery(config)
+        self.receiver.handlers["BATTERY"] = divider.add
+        self.transmitter.request("BATTERY")
+        return divider
 
     @property
     def now(self) -> float:
@@ -201,7 +211,7 @@ class Engine:
 
         A thread that holds the lock for longer than a PWM frame is not waited for.
         """
-        if isinstance(self.battery, BatteryMonitor):
+        if isinstance(self.battery, BatteryWatch):
             self.battery.close()
         held = self._own_lock.acquire(timeout=PWM_FRAME)
         try:
@@ -249,10 +259,10 @@ class Engine:
             self.driver.heartbeat(now)
             self._send_inquiries(now)
         self._record(now, applied)
-        if isinstance(self.battery, BatteryMonitor):
+        if isinstance(self.battery, BatteryWatch):
             self._read_battery(self.battery, now)
 
-    def _read_battery(self, battery: BatteryMonitor, now: float) -> None:
+    def _read_battery(self, battery: BatteryWatch, now: float) -> None:
         """Read the voltage after the pulses, record it, and limit the throttle of later frames."""
         voltage = battery.update(now)
         self.driver.actuator.set_battery_cap(battery.cap)

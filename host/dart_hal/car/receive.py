@@ -56,6 +56,8 @@ class Receiver:
         self.hello_stale = False
         self._hello_new = False
         self.inbox: deque[WireFrame] = deque(maxlen=MAX_QUEUED_MESSAGES)
+        # By name of a message: called with its values and the host time [s] of its arrival.
+        self.handlers: dict[str, Callable[[dict[str, Any], float], None]] = {}
         self.on_boot: Callable[[], None] = lambda: None
         self.sent_at: Callable[[int], float | None] = lambda ping_id: None
 
@@ -122,6 +124,8 @@ class Receiver:
         elif frame.message is DIAG:
             self.diag = frame.as_dict()
             self._telemetry.set_slot(1e-6 * self.diag["loop_max_us"])
+        elif (handler := self.handlers.get(frame.message.name)) is not None:
+            handler(frame.as_dict(), t)
         elif frame.message is TIME_PONG:
             # The pong arrived before the bytes behind it.
             behind = (self.fed - frame.end) * self._telemetry.clock.byte_time

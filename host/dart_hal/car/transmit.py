@@ -10,7 +10,14 @@ from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.ports import Link
 from dart_hal.core.types import Applied
 from dart_hal.wire.codec import encode
-from dart_hal.wire.messages import BEAT_MODES, HEARTBEAT, TIME_PING, TIME_PONG, Message
+from dart_hal.wire.messages import (
+    BEAT_MODES,
+    BEAT_REQUESTS,
+    HEARTBEAT,
+    TIME_PING,
+    TIME_PONG,
+    Message,
+)
 
 # s between pings: 10 Hz for the first 3 s, then 2 Hz.
 FAST_PING_INTERVAL = 0.1
@@ -35,11 +42,16 @@ class Transmitter:
         self._pings: dict[int, float] = {}
         self._next_ping = float("-inf")
         self._slow_from: float | None = None
+        self._requests = 0
 
     def set_link(self, link: Link) -> None:
         """Continue over another link; open pings get no answer."""
         self._link = link
         self._pings.clear()
+
+    def request(self, name: str) -> None:
+        """Request a message of the Nano by every later heartbeat: RC or BATTERY."""
+        self._requests |= BEAT_REQUESTS[name]
 
     def send(self, message: Message, values: Mapping[str, Any], t: float) -> int:
         """Send one message at host time ``t`` [s]; return its sequence number."""
@@ -55,7 +67,7 @@ class Transmitter:
         self.send(HEARTBEAT, {
             "host_id": self._host_id, "throttle": _tenths(applied.throttle_us),
             "steering": _tenths(applied.steering_us), "arm_token": token,
-            "mode": BEAT_MODES[mode], "flags": {0: 0, 1: 1, -1: 2}[direction]}, t)
+            "mode": BEAT_MODES[mode], "flags": {0: 0, 1: 1, -1: 2}[direction] | self._requests}, t)
 
     def ping(self, t: float) -> None:
         """Send a TIME_PING if one is due."""

@@ -173,6 +173,14 @@ class PcaClaimed(BusError):
                       "of a PCA9685: remove it, the kernel must not drive it")
 
 
+class BatteryUnmeasured(DartHalError, OSError):
+    """The Nano measures no voltage of a battery at its A0."""
+
+    code = "D-BAT-01"
+    likely_default = "a wire of the divider is off, or another ratio or number of cells"
+    remedy_default = "docs/build_guide/06_wiring.md, section Options"
+
+
 class BadCommand(DartHalError, ValueError):
     """A command is not a finite number; the car is set to neutral."""
 

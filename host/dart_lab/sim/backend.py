@@ -16,7 +16,9 @@ Options:
   (docs/reference/effects.md)
 - ``mocap``: 1 or, for example, ``rate=50,lock=2``, a motion capture (``dart_lab.sim.mocap``)
 - ``lidar``: 1, a model or, for example, ``ld19,noise=0.01``, a lidar (``dart_lab.sim.lidar``)
-- ``battery``: 1 or, ``charge=0.2``, a battery and its INA219 (``dart_lab.sim.battery``)
+- ``battery``: 1 or, ``charge=0.2``, a battery and its INA219; ``nano``, a divider at the Nano
+  (``dart_lab.sim.battery``)
+- ``rc`` 1: an RC receiver whose sticks rest (``dart_lab.sim.rc``)
 - ``map``: the room of lidar and camera
 - ``camera``: top, a camera at the ceiling (``dart_lab.sim.camera``)
 - ``pace`` 1: real time, the world does not wait for the program
@@ -38,9 +40,9 @@ from dart_hal.devices.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.devices.links.image import BOOTLOADER
 from dart_hal.devices.links.paced import PacedBus, PacedDevice, PacedLink, PacedPoses
 from dart_lab.sim.arena import contacts_with, enter_arena, parse_start, room_seed
-from dart_lab.sim.battery import Ina219Model, SimBattery, parse_battery
+from dart_lab.sim.battery import Ina219Model, SimBattery, SimDivider, parse_battery
 from dart_lab.sim.camera import TopView
-from dart_lab.sim.car_file import BATTERY_TABLE, car_toml
+from dart_lab.sim.car_file import battery_table, car_toml
 from dart_lab.sim.cutoff import CUTOFFS, FLAWED_WIRINGS
 from dart_lab.sim.drawn import parse_choice, resolve_car
 from dart_lab.sim.eeprom import make_eeprom
@@ -54,12 +56,13 @@ from dart_lab.sim.link import SimClock, SimLink
 from dart_lab.sim.mocap import MocapParams, SimMocap, parse_mocap
 from dart_lab.sim.mock_nano import MockNano
 from dart_lab.sim.nano import Nano
+from dart_lab.sim.rc import SimReceiver
 from dart_lab.sim.workshop import SimWorkshop
 from dart_lab.sim.world import World
 
 URL_OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot",
                "fail", "tick", "vehicle", "effect", "mocap", "lidar", "camera", "map", "pace",
-               "world", "at", "battery", "sealed")
+               "world", "at", "battery", "rc", "sealed")
 
 
 def open_sim(url: Url) -> Backend:
@@ -81,7 +84,14 @@ def open_sim(url: Url) -> Backend:
     world = World(car, nano, resolved.model, _parse_tick(url, resolved.model), cutoff)
     pack = parse_battery(url.options.get("battery", "0"))
     if pack is not None:
-        world.bus.devices.append(Ina219Model(SimBattery(world, pack)))
+        battery = SimBattery(world, pack)
+        if pack.at_nano:
+            world.divider = SimDivider(battery, world)
+        else:
+            world.bus.devices.append(Ina219Model(battery))
+    rc = parse_choice(url, "rc", "0", "1") == "1"
+    if rc:
+        world.receiver = SimReceiver()
     failures = [parse_failure(text) for text in url.options.get("fail", "").split(",") if text]
     schedule_failures(world, failures)
     latency = latency_model(url.options.get("jitter", "none"))
@@ -98,7 +108,8 @@ def open_sim(url: Url) -> Backend:
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name,
                       car_toml=car_toml(resolved.base, resolved.body, rings)
-                      + (BATTERY_TABLE if pack is not None else ""),
+                      + battery_table(pack)
+                      + ("\n[rc]\n" if rc else ""),
                       notices=notices + resolved.notices, workshop=SimWorkshop(world),
                       poses=None if mocap is None else SimMocap(world, mocap),
                       lidar=None if lidar is None else SimLidar(

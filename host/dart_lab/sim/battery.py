@@ -1,4 +1,4 @@
-"""A battery and its INA219 in the virtual world.
+"""A battery and its INA219, or its divider at the Nano, in the virtual world.
 
     V = cells (V_empty + (V_full - V_empty) q) - R I,    I = I_0 + I_max |throttle|,    dq/dt = -I/C
 
@@ -25,6 +25,9 @@ POWER_ON_CONFIGURATION = 0x399F
 EMPTY_CELL = 3.3
 FULL_CELL = 4.2
 CELLS = 2
+# Divider of 20 and 10 kohm: ratio, and the resistance that A0 has to both [ohm].
+DIVIDER_RATIO = 3.0
+DIVIDER_OHM = 20e3 / 3.0
 # s between two steps of the charge.
 BATTERY_STEP = 0.02
 _RANGE = {"charge": (-0.2, 1.0), "resistance": (0.0, 1.0), "rest_current": (0.0, 10.0),
@@ -34,24 +37,28 @@ _RANGE = {"charge": (-0.2, 1.0), "resistance": (0.0, 1.0), "rest_current": (0.0,
 @dataclass(frozen=True, slots=True)
 class BatteryParams:
     """Parameters: charge of the start (0 to 1); resistance [ohm]; rest_current [A] of computer and
-    boards; motor_current [A] at full throttle; capacity [Ah]."""
+    boards; motor_current [A] at full throttle; capacity [Ah]; at_nano: measured by a divider at
+    the Nano instead of an INA219."""
 
     charge: float = 0.8
     resistance: float = 0.04
     rest_current: float = 1.0
     motor_current: float = 15.0
     capacity: float = 4.0
+    at_nano: bool = False
 
 
 def parse_battery(text: str) -> BatteryParams | None:
-    """Parse ``battery=...`` of a URL: 1, or ``charge=0.2,...``; None = no sensor.
+    """Parse ``battery=...`` of a URL: 1, ``charge=0.2,...`` or ``nano,charge=0.2``.
 
-    Raises UsageError.
+    Returns None for a car that does not measure its battery. Raises UsageError.
     """
     if text in ("0", "none"):
         return None
     given: dict[str, float] = {}
-    for part in () if text == "1" else text.split(","):
+    parts = text.split(",")
+    at_nano = parts[0] == "nano"
+    for part in parts[1:] if at_nano or text == "1" else parts:
         name, _, value = part.partition("=")
         try:
             number = float(value)
@@ -61,9 +68,10 @@ def parse_battery(text: str) -> BatteryParams | None:
         if name in given or not low <= number <= high:
             ranges = ", ".join(f"{n} {a:g} to {b:g}" for n, (a, b) in _RANGE.items())
             raise UsageError(f"battery={text} is not understood", found=part,
-                             expected=f"1, or NAME=NUMBER,... once each, of {ranges}")
+                             expected=f"1, or NAME=NUMBER,... once each, of {ranges}; "
+                                      "nano first for a divider at the Nano")
         given[name] = number
-    return BatteryParams(**given)
+    return BatteryParams(**given, at_nano=at_nano)
 
 
 class SimBattery:
@@ -89,6 +97,20 @@ class SimBattery:
 
     def _step(self, world: World) -> None:
         self.charge -= self.current * BATTERY_STEP / (3600.0 * self._params.capacity)
+        world.schedule(world.t + BATTERY_STEP, self._step)
+
+
+class SimDivider:
+    """The divider of the pack at A0 of the Nano; connected False: its wire is off."""
+
+    def __init__(self, battery: SimBattery, world: World) -> None:
+        self.battery = battery
+        self.connected = True
+        world.schedule(0.0, self._step)
+
+    def _step(self, world: World) -> None:
+        volt = self.battery.voltage / DIVIDER_RATIO if self.connected else None
+        world.nano.set_divider(volt, DIVIDER_OHM)
         world.schedule(world.t + BATTERY_STEP, self._step)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.vehicle import PAPER, Body
+from dart_lab.sim.battery import CELLS, DIVIDER_RATIO, BatteryParams
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.ring import GEAR_REVOLUTION, RING_A, RING_B
 
@@ -19,8 +20,6 @@ CLOCK_STD = 1e-4
 
 # us of pulse from neutral to a throttle of 1, as in car.toml.
 THROTTLE_SPAN_US = 450.0
-# The table of a car whose battery is measured.
-BATTERY_TABLE = "\n[battery]\ncells = 2\n"
 _CAR_TOML = """\
 schema = "dart-hal/car/1"
 name = "{name}"
@@ -64,6 +63,14 @@ required = true
 x = 0.0945
 y = 0.0
 """
+
+
+def battery_table(pack: BatteryParams | None) -> str:
+    """Return the table of a car whose battery is measured, else nothing."""
+    if pack is None:
+        return ""
+    nano = f'source = "nano"\nratio = {DIVIDER_RATIO}\n' if pack.at_nano else ""
+    return f"\n[battery]\ncells = {CELLS}\n{nano}"
 
 
 def car_toml(car: HiddenCar, body: Body = PAPER.body, rings: int = 1) -> str:

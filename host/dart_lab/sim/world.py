@@ -18,6 +18,7 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle import Vehicle
+from dart_lab.sim.battery import SimDivider
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.cutoff import Multiplexer, make_wiring
 from dart_lab.sim.esc import DelayedEsc, Esc
@@ -29,6 +30,7 @@ from dart_lab.sim.motion import DynamicMotion, KinematicMotion, MeanMotion, Moti
 from dart_lab.sim.nano import Nano
 from dart_lab.sim.pca9685 import Pca9685Model
 from dart_lab.sim.pwm_output import Pulse
+from dart_lab.sim.rc import PinInput, SimReceiver
 from dart_lab.sim.servo import SteeringServo
 from dart_lab.sim.stand import LiftedCar
 
@@ -77,10 +79,11 @@ class World:
 
     ``trail``: called every 5 ms with t [s] and x, y [m], yaw [rad] of the rear axle;
     ``wheel_direction``: last direction of the wheels, 1 forward, -1 backward, 0 before the first
-    motion; ``blocked``: a wheel is blocked; ``lifted``: the car with its wheels off the ground, or
-    None; ``can_be_lifted`` False: ``lift`` has no effect; ``hand_rate`` [rad/s]: a hand turns the
-    car on the spot, 0 for none. Effects are part of ``car``, see
-    ``dart_lab.sim.true_car``.
+    motion; ``receiver``: of an RC transmitter, or None; ``divider``: of the battery at the Nano,
+    or None; ``blocked``: a wheel is blocked;
+    ``lifted``: the car with its wheels off the ground, or None; ``can_be_lifted`` False: ``lift``
+    has no effect; ``hand_rate`` [rad/s]: a hand turns the car on the spot, 0 for none. Effects are
+    part of ``car``, see ``dart_lab.sim.true_car``.
     """
 
     def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",
@@ -111,7 +114,9 @@ class World:
         self.watchers: list[Callable[[int, Pulse], None]] = []
         self.trail: Callable[[float, float, float, float], None] | None = None
         self._agenda: list[tuple[float, int, Callable[[World], None]]] = []
-        self._pin_edges: list[tuple[float, bool]] = []
+        self.receiver: SimReceiver | None = None
+        self.divider: SimDivider | None = None
+        self._pin_edges: list[PinInput] = []
         self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
                         np.random.default_rng([car.seed, 100]))
         self._dt = tick
@@ -135,7 +140,7 @@ class World:
             early = nano.run(target)
             self.t = nano.now
             if pin and not early and target == pin[0][0]:
-                nano.set_pin("D8", pin.pop(0)[1])
+                nano.set_pin(*pin.pop(0)[1:])
             if early:
                 return True
         return False
@@ -234,7 +239,9 @@ class World:
             self._wheel = wheel
             nano.set_wheel(wheel)
         nano.set_imu(*self._imu.sense(a_x, a_y, omega, omega_dot, rate))
-        self._pin_edges = self._capture_edges(now)
+        self._pin_edges = [(t, "D8", level) for t, level in self._capture_edges(now)]
+        if self.receiver is not None:
+            self._pin_edges = sorted([*self._pin_edges, *self.receiver.edges(now, self._next)])
 
     def _capture_edges(self, now: float) -> list[tuple[float, bool]]:
         """Return the edges at D8 until the next tick: those of the spare channel, if they pass.

@@ -225,6 +225,7 @@ BAD_FACTS = {
     "THROTTLE_NOT_NEUTRAL": {"throttle": 0.1}, "COMMAND_INVALID": {"command_ok": False},
     "RAW_MODE_OPEN": {"raw_open": True},
     "RUN_STOP": {"run_stop": True},
+    "RC_LOST": {"rc_lost": True},
     "GUARD_MISSING": {"guard_age": None}, "GUARD_SILENT": {"guard_age": 0.2},
     "LATCHED": {"latched": True}, "CALIBRATION_MISSING": {"calibration_missing": True},
     "CUTOFF_REQUIRED": {"cutoff_required": True},

@@ -325,15 +325,24 @@ def _check_camera(car: Car) -> DoctorCheck:
         expected="no problem", remedy="docs/how_to/camera.md, section Whether it is well")
 
 
+def _battery_advice(config: BatteryConfig) -> dict[str, str]:
+    """Return what a car without a voltage should have, and what to do."""
+    if config.source == "nano":
+        return {"expected": "a divider at A0 of the Nano", "cause": "a wire of the divider is off, "
+                "or another ratio or number of cells",
+                "remedy": "docs/build_guide/06_wiring.md, section Options"}
+    return {"expected": f"an INA219 at 0x{config.address:02x}",
+            "cause": "no such chip, another address, or no battery at its board",
+            "remedy": "sudo i2cdetect -y BUS ; then [battery] address in car.toml"}
+
+
 def _check_battery(car: Car, states: list[State]) -> DoctorCheck:
     """Check whether the voltage is measured, and whether the battery is charged."""
     config = car.files.config.battery or BatteryConfig()
     voltages = [s.battery for s in states if s.battery is not None]
     if not voltages:
         return _make_check("battery", False, "no voltage", bad="warn",
-                           expected=f"an INA219 at 0x{config.address:02x}",
-                           cause="no such chip, another address, or no battery at its board",
-                           remedy="sudo i2cdetect -y BUS ; then [battery] address in car.toml")
+                           **_battery_advice(config))
     # The highest: a load lowers the voltage for a moment.
     cell = max(voltages) / config.cells
     return _make_check("battery", cell >= config.warn_cell,

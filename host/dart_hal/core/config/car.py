@@ -10,6 +10,11 @@ from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.config.ranges import check_neutral, check_oscillator
 
 CAR_SCHEMA = "dart-hal/car/1"
+# V of a full lithium cell, and at A0 with the lowest supply of USB.
+FULL_CELL_V = 4.2
+MAX_DIVIDER_V = 4.4
+# us between the middle and the end of a stick of an RC transmitter.
+MIN_STICK_SPAN_US = 250.0
 # Standard error of a size over the size: a larger one is no measurement, or has another unit.
 MAX_RELATIVE_STD = 0.5
 
@@ -152,12 +157,16 @@ class Lidar(FileTable, frozen=True, kw_only=True):
 
 
 class BatteryConfig(FileTable, frozen=True, kw_only=True):
-    """The INA219 that measures the battery, on the bus of the PCA9685; without the table, none.
+    """What measures the battery; without the table, nothing.
 
-    ``cells`` in series. Voltages of a cell [V]: below ``warn_cell`` a warning, below ``limit_cell``
-    forward throttle is limited to ``limited_throttle``; backward it may be the brake.
+    source: ``ina219`` on the bus of the PCA9685, or ``nano``: a divider at its A0. ``ratio``:
+    voltage of the battery over that of the divider. ``cells`` in series. Voltages of a cell [V]:
+    below ``warn_cell`` a warning, below ``limit_cell`` forward throttle is limited to
+    ``limited_throttle``; backward it may be the brake.
     """
 
+    source: Literal["ina219", "nano"] = "ina219"
+    ratio: float | None = None
     # The board of a JetRacer. A bare module has 0x40, the address of the PCA9685.
     address: int = 0x41
     # Two LiPo or Li-ion cells, as in the cars that have this board.
@@ -168,6 +177,32 @@ class BatteryConfig(FileTable, frozen=True, kw_only=True):
     limit_cell: float = 3.3
     # Enough to drive home.
     limited_throttle: float = 0.2
+
+
+class RcChannel(FileTable, frozen=True, kw_only=True):
+    """Pulses [us] of one stick: at its ends and in the middle.
+
+    ``high_us``: full left or full throttle; below ``low_us`` for a stick of the other direction.
+    """
+
+    low_us: float = 1000.0
+    center_us: float = 1500.0
+    high_us: float = 2000.0
+
+
+class RcConfig(FileTable, frozen=True, kw_only=True):
+    """An RC receiver on the Nano, whose driver overrides the program; without the table, none.
+
+    ``dead_band_us``: offset from the middle within which a stick rests. ``mode_us``: the driver
+    overrides while the pulse of the third channel is longer; None: while a stick is moved.
+    ``enabled`` False: the receiver is not read.
+    """
+
+    enabled: bool = True
+    steering: RcChannel = RcChannel()
+    throttle: RcChannel = RcChannel()
+    dead_band_us: float = 50.0
+    mode_us: float | None = None
 
 
 class CommandLimits(FileTable, frozen=True, kw_only=True):
@@ -218,6 +253,7 @@ class CarConfig(FileTable, frozen=True, kw_only=True):
     imu: ImuConfig = ImuConfig()
     lidar: Lidar = Lidar()
     battery: BatteryConfig | None = None
+    rc: RcConfig | None = None
     limits: CommandLimits = CommandLimits()
     priorities: Priorities = Priorities()
     safety: Safety = Safety()
@@ -235,6 +271,7 @@ def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig
     _check_actuators(car, origin)
     _check_limits(car, origin)
     _check_battery(car, origin)
+    _check_rc(car, origin)
     encoder = car.encoder
     check_std(encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
     low, high = METRES_PER_EDGE_RANGE
@@ -311,8 +348,32 @@ def _check_battery(car: CarConfig, origin: str) -> None:
     require(0x40 <= battery.address <= 0x4f and battery.address != car.pwm.address, origin,
             "battery.address", f"{battery.address} = {battery.address:#04x}",
             "0x40 to 0x4f, another one than that of the PCA9685")
+    if battery.source == "nano":
+        ratio = battery.ratio
+        full = FULL_CELL_V * battery.cells
+        require(ratio is not None and full / ratio <= MAX_DIVIDER_V, origin, "battery.ratio", ratio,
+                f"(R1 + R2) / R2 of the divider, {full / MAX_DIVIDER_V:.2f} or more for "
+                f"{battery.cells} cells: at most {MAX_DIVIDER_V:g} V at A0")
     require(battery.limit_cell <= battery.warn_cell, origin, "battery.limit_cell",
             battery.limit_cell, f"at most warn_cell = {battery.warn_cell:g} V")
+
+
+def _check_rc(car: CarConfig, origin: str) -> None:
+    rc = car.rc
+    if rc is None:
+        return
+    for name in ("steering", "throttle"):
+        stick = getattr(rc, name)
+        for key in ("low_us", "center_us", "high_us"):
+            pulse = getattr(stick, key)
+            require(800 <= pulse <= 2200, origin, f"rc.{name}.{key}", pulse, "800 to 2200 us")
+        for key in ("low_us", "high_us"):
+            end = getattr(stick, key)
+            require(abs(end - stick.center_us) >= MIN_STICK_SPAN_US, origin, f"rc.{name}.{key}",
+                    end, f"{MIN_STICK_SPAN_US:g} us or more from center_us = "
+                         f"{stick.center_us:g} us")
+        require((stick.low_us < stick.center_us) == (stick.center_us < stick.high_us), origin,
+                f"rc.{name}.center_us", stick.center_us, "between low_us and high_us")
 
 
 def _check_limits(car: CarConfig, origin: str) -> None:

@@ -39,6 +39,8 @@ class Limit(TextEnum):
     PULSES_OFF: servo and ESC have no pulses, because no State shows whether the car moves, or
     because it accelerated at neutral (MOVES_AT_NEUTRAL).
     BATTERY: the battery is low, and the throttle is limited.
+    RC_OVERRIDE: the driver of an RC transmitter overrides the program. RC_LOST: his signal was
+    lost while he did.
     OBSTACLE: an obstacle is nearer than ``guard_distance`` allows, or no scan shows a free path.
     A command that a source of higher priority overrides has the string ``"OVERRIDDEN(name)"``.
     """
@@ -57,6 +59,8 @@ class Limit(TextEnum):
     PULSES_OFF = "PULSES_OFF"
     OBSTACLE = "OBSTACLE"
     BATTERY = "BATTERY"
+    RC_OVERRIDE = "RC_OVERRIDE"
+    RC_LOST = "RC_LOST"
 
 
 class Doubt(TextEnum):

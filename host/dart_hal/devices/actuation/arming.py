@@ -65,6 +65,7 @@ class Facts:
     command_ok: bool = True
     raw_open: bool = False
     run_stop: bool = False
+    rc_lost: bool = False
     guard_age: float | None = 0.0
     loop_late: float = 0.0
     latched: bool = False
@@ -162,6 +163,10 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("RUN_STOP", "command", "the cars of the room are stopped, or no program watches it",
             "wait 0.5 s after the last stop; start the watching program: dart-hal fleet watch",
             lambda f: f.run_stop),
+    Refusal("RC_LOST", "command",
+            "the signal of the RC transmitter was lost while its driver drove",
+            "switch the transmitter on, go closer; or [rc] enabled = false in car.toml",
+            lambda f: f.rc_lost),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
     Refusal("GUARD_SILENT", "process",

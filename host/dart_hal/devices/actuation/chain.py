@@ -205,6 +205,20 @@ class Actuator:
         """Withhold forward throttle from the next frame on, or pass it again."""
         self._planner.obstacle = obstacle
 
+    def set_override(self, command: SourceCommand | None) -> None:
+        """Set the command that precedes those of all sources; None: the override has ended.
+
+        Then requests made during it are dropped: neutral until a source sends the next one.
+        """
+        if command is None and self._planner.override is not None:
+            self._planner.clear_requests()
+        self._planner.override = command
+
+    def stop_at_once(self) -> Applied:
+        """Write neutral throttle without a ramp, and the last steering. Raises nothing."""
+        self._planner.throttle = 0.0
+        return self.stop()
+
     @property
     def violates_demand(self) -> bool:
         """Whether the last frame may move the car although the state no longer allows it."""

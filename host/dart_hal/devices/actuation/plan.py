@@ -77,7 +77,8 @@ class Planner:
 
     ``demand``: of the supervisor's state; ``angle`` [rad], ``throttle``: of the last frame, from
     which the slew limits start; ``latched``: tripped, neutral until the state is no longer live;
-    ``obstacle``: no forward throttle; ``battery_cap``: largest throttle of a low battery.
+    ``obstacle``: no forward throttle; ``battery_cap``: largest throttle of a low battery;
+    ``override``: command of the driver of an RC transmitter, which the sources do not change.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
@@ -88,6 +89,7 @@ class Planner:
         self.throttle_cap: float | None = None
         self.battery_cap: float | None = None
         self.obstacle = False
+        self.override: SourceCommand | None = None
         self.latched = False
         self.angle = self.throttle = 0.0
         self.last = -math.inf
@@ -130,6 +132,8 @@ class Planner:
         """Return the request that was in effect until it expired; None while one is valid."""
         if self.demand.throttle == "raw":
             return self.raw if self.raw is not None and self.raw.until < now else None
+        if self.override is not None:
+            return None
         self.arbiter.winner(now)
         return self.arbiter.last_expired if self.demand.throttle == "command" else None
 
@@ -145,7 +149,9 @@ class Planner:
             why.append(Limit.EXPIRED.value)
         if self.demand.throttle == "raw":
             return self._plan_raw(now, dt, why)
-        winner = self.arbiter.winner(now)
+        winner = self.override or self.arbiter.winner(now)
+        if self.override is not None:
+            why.append(Limit.RC_OVERRIDE.value)
         if winner and source and winner.source != source:
             why.append(f"OVERRIDDEN({winner.source})")
         return self._plan_limited(winner, dt, why)

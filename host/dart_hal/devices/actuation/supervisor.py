@@ -31,7 +31,8 @@ TRANSIENT_REFUSALS = frozenset({"NEUTRAL_TOO_SHORT", "LINK_NOT_GOOD_500MS", "CLO
                                 "IMU_STALE", "IMU_DOUBTED", "CUTOFF_UNTESTED",
                                 "BEAT_LIMIT_UNKNOWN"})
 # Name of a trip in ``Applied.limited``, in addition to NOT_ARMED.
-LIMIT_BY_CAUSE = {"LINK_STALE": "STALE_LINK", "COMMAND_EXPIRED": "EXPIRED"}
+LIMIT_BY_CAUSE = {"LINK_STALE": "STALE_LINK", "COMMAND_EXPIRED": "EXPIRED",
+                  "RC_LOST": "RC_LOST"}
 
 
 def _list_reasons(lasting: Collection[str], refused: Collection[str]) -> tuple[str, ...]:

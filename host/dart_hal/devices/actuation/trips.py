@@ -30,6 +30,10 @@ TRIPS: dict[str, tuple[str, str]] = {
                          "get no pulse since then",
                          "was it pushed, or does it roll? else check [throttle] neutral_us, [pwm] "
                          "oscillator_hz and the channels in the car's files"),
+    "RC_LOST": ("the signal of the RC transmitter was lost while its driver drove",
+                "check its battery, its range and the wires of the receiver"),
+    "RC_OVERRIDE": ("the driver of the RC transmitter took over during a calibration",
+                    "leave its sticks and its switch alone"),
     "RUN_STOP": ("the run-stop was pressed", "arm when the way is free"),
 }
 

@@ -40,6 +40,9 @@ TRIP_WORDS: dict[str, Words] = {
                 f"Check the Nano and its wires. {DOCTOR}"),
     "MOVES_AT_NEUTRAL": ("The wheels sped up at neutral, so motor and steering get no pulse.",
                          f"{WAIT_FOR_REST} If it was not pushed, its neutral is wrong. {DOCTOR}"),
+    "RC_LOST": ("The signal of the RC transmitter was lost.",
+                f"Check its battery and its range. {ARM}"),
+    "RC_OVERRIDE": ("The driver of the RC transmitter took over.", ARM),
     "RUN_STOP": ("The car was stopped.", ARM),
 }
 
@@ -57,6 +60,8 @@ REFUSAL_WORDS: dict[str, Words] = {
         "Measure it, or start the page with --waive PWM_CLOCK_UNCALIBRATED."),
     "THROTTLE_NOT_NEUTRAL": ("A throttle is requested.", "Release the stick, then arm."),
     "COMMAND_INVALID": TRIP_WORDS["COMMAND_INVALID"],
+    "RC_LOST": ("The RC transmitter has no signal, and its driver drove.",
+                "Switch it on, or go closer."),
     "RAW_MODE_OPEN": ("A calibration runs.", "Wait until it has ended."),
     "GUARD_MISSING": ("No guard process runs.", REOPEN),
     "GUARD_SILENT": TRIP_WORDS["GUARD_SILENT"],
