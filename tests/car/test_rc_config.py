@@ -11,6 +11,7 @@ from dart_hal.car.rc import scale_stick
 from dart_hal.core.config.car import RcChannel
 from dart_hal.core.errors import ConfigError
 from dart_hal.devices.links.base import open_backend
+from dart_lab.sim.truth import world_of
 
 DEAD_BAND_US = 50.0
 
@@ -55,3 +56,20 @@ def test_only_a_car_with_a_receiver_reads_it(table, reads):
             pass
         assert (car._engine.driver.rc is not None) == reads
         assert not car.answers("RC")
+
+
+def test_a_replay_has_the_override(tmp_path):
+    run = tmp_path / "run.mcap"
+    backend = open_backend("sim://?nano=mock&physics=kinematic&rc=1")
+    with Car.over(backend, record=run) as car:
+        for _ in car.states(duration=1.0):
+            pass
+        car.arm()
+        world_of(backend).receiver.pulses_us[1] = 1700.0
+        live = [(s.seq, s.applied) for s in car.states(duration=0.3)]
+    assert live[-1][1].throttle > 0.3
+    assert "RC_OVERRIDE" in live[-1][1].limited
+    with Car.open(f"replay://{run}") as again:
+        replayed = {s.seq: s.applied for s in again.states()}
+        assert again.rc_pulses == pytest.approx((1500.0, 1700.0, 0.0), abs=2.0)
+    assert [replayed[seq] for seq, _ in live] == [applied for _, applied in live]

@@ -202,7 +202,8 @@ def test_remedy_names_url_and_folder_of_the_doctor(verb):
 
 
 @pytest.mark.parametrize(("battery", "verdict", "words"), [
-    ("1", "ok", "V per cell"), ("charge=0.05", "warn", "V per cell"), ("0", None, "")])
+    ("1", "ok", "V per cell"), ("charge=0.05", "warn", "V per cell"), ("0", None, ""),
+    ("nano", "ok", "V per cell")])
 def test_a_battery_is_checked_where_it_is_measured(verb, battery, verdict, words):
     done = verb("doctor", "--url", f"{MOCK_URL}&battery={battery}", "--json", "--seconds", 2)
     assert verdicts(done).get("battery") == verdict
@@ -215,3 +216,22 @@ def test_a_battery_sensor_that_does_not_answer_is_a_warning(verb, change_backend
         backend, "car_toml", backend.car_toml + "\n[battery]\naddress = 0x45\n"))
     found = verdicts(verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1))
     assert found["battery"] == "warn"
+
+
+def test_a_divider_that_is_off_is_a_warning_with_its_place(verb, change_backend):
+    change_backend(lambda backend: setattr(
+        backend, "car_toml", backend.car_toml + '\n[battery]\nsource = "nano"\nratio = 3.0\n'))
+    done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
+    assert verdicts(done)["battery"] == "warn"
+    assert "06_wiring.md" in next(c["try"] for c in done.json["checks"] if c["id"] == "battery")
+
+
+@pytest.mark.parametrize(("options", "table", "verdict"), [
+    ("&rc=1", "", "ok"), ("&rc=1", "mode_us = 1500.0", "warn"), ("", "[rc]", "warn"),
+    ("&rc=1", "enabled = false", None), ("", "", None)])
+def test_an_rc_receiver_is_checked_where_the_car_has_one(verb, change_backend, options, table,
+                                                         verdict):
+    """The simulated receiver sends nothing on the third channel."""
+    change_backend(lambda backend: setattr(backend, "car_toml", f"{backend.car_toml}{table}\n"))
+    done = verb("doctor", "--url", f"{MOCK_URL}{options}", "--json", "--seconds", 1)
+    assert verdicts(done).get("rc") == verdict

@@ -46,8 +46,9 @@ class RcDrive(Drive):
     def lose_signal(self) -> float:
         """End all pulses at once; return the end of the last one."""
         receiver = self.world.receiver
+        end = receiver._next - receiver._period + 1e-6 * sum(filter(None, receiver.pulses_us))
         receiver.pulses_us = [None, None, None]
-        return max((edge[0] for edge in receiver._waiting), default=self.now)
+        return end
 
     def pulses_us(self, since: float) -> np.ndarray:
         """Pulses at the ESC [us] that began after ``since`` [s]."""
@@ -175,6 +176,41 @@ def test_a_lost_signal_at_any_phase_of_the_pwm_frame(tmp_path, offset):
         assert 0.0 < drive.last_off(since) <= MAX_LOSS_MS
 
 
+def test_a_silent_line_during_an_override_is_a_stale_link(tmp_path):
+    with RcDrive(tmp_path) as drive:
+        drive.arm().stick(THROTTLE_STICK, STICK_FORWARD_US)
+        drive.run(0.2, forward(0.0))
+        since = drive.silence()
+        drive.run(0.4)
+        assert 0.0 < drive.last_off(since) <= MAX_LOSS_MS
+        assert drive.car.causes == ("LINK_STALE",)
+
+
+@pytest.mark.parametrize("on_the_nano", [True, False])
+def test_delays_of_the_line_are_no_loss(tmp_path, on_the_nano):
+    """Messages come up to 40 ms late. Control: the age on the clock of the host."""
+    with RcDrive(tmp_path, "mock&jitter=busy&seed=3&physics=kinematic") as drive:
+        drive.run(3.0)
+        drive.car.arm(waive=WAIVED)
+        drive.stick(STEERING_STICK, STICK_FULL_US)
+        handlers = drive.car._engine.receiver.handlers
+        add = handlers["RC"]
+        ends = [drive.now]
+
+        def note_end(values, t):
+            ends.append(t - 1e-3 * max(values["age"][:2]))
+            add(values, t)
+
+        def is_recent(override, state_ck):
+            return drive.now - ends[-1] <= rc.MAX_PULSE_AGE
+
+        handlers["RC"] = note_end
+        method = rc.RcOverride.has_signal if on_the_nano else is_recent
+        with patch.object(rc.RcOverride, "has_signal", method):
+            drive.run(4.0, forward(0.0))
+        assert (drive.car.mode == "ARMED") == on_the_nano
+
+
 def test_control_without_the_age_limit_a_lost_signal_drives_on(tmp_path):
     with patch.object(rc, "MAX_PULSE_AGE", 10.0), RcDrive(tmp_path) as drive:
         drive.arm().stick(THROTTLE_STICK, STICK_FORWARD_US)
@@ -289,6 +325,34 @@ def test_the_switch_overrides_with_resting_sticks(tmp_path):
         ended = drive.stick(MODE_CHANNEL, 1100.0)
         drive.run(0.2, PROGRAM_DRIVES)
         assert drive.pulses_us(ended + 0.1).min() > drive.neutral_us + 100.0
+
+
+@pytest.mark.parametrize("drops", [True, False])
+def test_a_request_made_during_the_override_does_not_come_back(tmp_path, drops):
+    """The switch ends it, and the program sends nothing more. Control: keep its requests."""
+    def keep_requests(actuator, command):
+        actuator._planner.override = command
+
+    method = Actuator.set_override if drops else keep_requests
+    with (patch.object(Actuator, "set_override", method),
+          RcDrive(tmp_path, edit=WITH_SWITCH) as drive):
+        drive.stick(MODE_CHANNEL, 1900.0)
+        drive.arm().run(0.4, forward(0.4, valid_for=0.5))
+        ended = drive.stick(MODE_CHANNEL, 1100.0)
+        drive.run(0.3)
+        rest = drive.pulses_us(ended)
+        assert (np.abs(rest - drive.neutral_us).max() < 5.0) == drops
+        assert drive.car.mode == "ARMED"
+
+
+def test_a_request_that_expires_during_the_override_is_no_trip(tmp_path):
+    """Control: without the override it is one."""
+    for override, mode in ((True, "ARMED"), (False, "TRIPPED")):
+        with RcDrive(tmp_path, edit=WITH_SWITCH) as drive:
+            drive.stick(MODE_CHANNEL, 1900.0 if override else 1100.0)
+            drive.arm().run(0.2, forward(0.4))
+            drive.run(0.4)
+            assert drive.car.mode == mode
 
 
 def test_an_override_ends_raw_pulses(tmp_path):

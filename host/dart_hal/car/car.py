@@ -718,6 +718,19 @@ class Car:
         return self._engine.battery is not None
 
     @property
+    def rc_pulses(self) -> tuple[float, ...] | None:
+        """Return the pulses [us] of the RC receiver: steering, throttle, third channel.
+
+        A channel without a signal has 0. None: no receiver by car.toml, or no message of the Nano.
+
+        Example:
+            >>> car.rc_pulses is None
+            True
+        """
+        rc = self._engine.driver.rc
+        return None if rc is None else rc.pulses_us
+
+    @property
     def has_lidar(self) -> bool:
         """Return whether the car has a lidar, by ``Car.open`` or by its URL.
 

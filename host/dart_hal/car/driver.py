@@ -173,7 +173,7 @@ class Driver:
         """Give the command of the RC driver to the actuator; stop at once without his signal."""
         if self.rc is None:
             return
-        if self.rc.step(now, armed=self.mode is ArmState.ARMED):
+        if self.rc.step(now, self._receiver.state_ck, armed=self.mode is ArmState.ARMED):
             if self.mode in LIVE_MODES:
                 self._step(now, ["RC_LOST"], ())
             # A ramp of a stop ends as well.
@@ -237,7 +237,6 @@ class Driver:
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat.
         """
-        self._step_rc(now)
         self.supervisor.set_blind(now, self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()

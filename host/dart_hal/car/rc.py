@@ -16,8 +16,9 @@ from dart_hal.core.config.car import CarConfig, RcChannel
 from dart_hal.devices.actuation.limits import SourceCommand
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-# s since the end of the newest pulse after which the signal is lost. One missing pulse and the
-# period of the messages make 62 ms; with one State and one PWM frame the ESC has neutral in 100 ms.
+# s from the end of the newest pulse to a STATE, on the Nano's clock, at which a signal is not lost.
+# One missing pulse of 22 ms and the period of the messages make 64 ms. With one more STATE and one
+# PWM frame the ESC has neutral within 100 ms.
 MAX_PULSE_AGE = 0.065
 # s for which both sticks must be in their dead bands until the program drives again: longer than
 # the way of a stick from one side to the other.
@@ -26,6 +27,9 @@ RELEASE_TIME = 1.0
 PULSE_RANGE = (800.0, 2200.0)
 # us of a count of the Nano's clock.
 TICK_US = 1e6 / TICKS_PER_SECOND
+TICKS_PER_MS = TICKS_PER_SECOND // 1000
+# Ticks: the clock has 32 bits.
+HALF_CLOCK = 1 << 31
 # Name of the driver among the sources of commands.
 RC_SOURCE = "rc"
 
@@ -58,8 +62,8 @@ class RcOverride:
         self._config = car.rc
         self._max_steering = car.limits.max_steering
         self._channels = 2 if car.rc.mode_us is None else 3
-        # Host time [s] of the end of the oldest of the newest pulses.
-        self._pulse_at = -inf
+        # Nano's clock [ticks] at the end of the oldest of the newest pulses; None: no signal.
+        self._pulse_ck: int | None = None
         self._steering = self._throttle = 0.0
         self._moved_at = -inf
         self._released = False
@@ -70,22 +74,32 @@ class RcOverride:
         used = self.pulses_us[:self._channels]
         low, high = PULSE_RANGE
         if not all(low <= pulse <= high for pulse in used):
-            self._pulse_at = -inf
+            self._pulse_ck = None
             return
-        self._pulse_at = t - 1e-3 * max(values["age"][:self._channels])
+        self._pulse_ck = values["t_ck"] - TICKS_PER_MS * max(values["age"][:self._channels])
         config = self._config
         self._steering = scale_stick(used[0], config.steering, config.dead_band_us)
         self._throttle = scale_stick(used[1], config.throttle, config.dead_band_us)
         if self._steering or self._throttle:
             self._moved_at = t
 
-    def has_signal(self, now: float) -> bool:
-        """Return whether a pulse of every channel is recent."""
-        return now - self._pulse_at <= MAX_PULSE_AGE
+    def has_signal(self, state_ck: int) -> bool:
+        """Return whether a pulse of every channel was recent at a STATE, in the Nano's ticks.
 
-    def step(self, now: float, *, armed: bool) -> bool:
-        """Advance to ``now`` [s]; return whether the signal was lost during an override."""
-        if not self.has_signal(now):
+        Both times are the Nano's, so that delays of the line do not count; without any message the
+        link is stale. A message RC may be newer than the STATE: the age is then negative.
+        """
+        if self._pulse_ck is None:
+            return False
+        age = (state_ck - self._pulse_ck + HALF_CLOCK) % (2 * HALF_CLOCK) - HALF_CLOCK
+        return age <= MAX_PULSE_AGE * TICKS_PER_SECOND
+
+    def step(self, now: float, state_ck: int, *, armed: bool) -> bool:
+        """Advance to the STATE of ``state_ck`` [ticks], which arrived at host time ``now`` [s].
+
+        Returns whether the signal was lost during an override.
+        """
+        if not self.has_signal(state_ck):
             ends = self.active
             self.lost = self.lost or ends
             self.active = self._released = False

@@ -13,6 +13,7 @@ from dart_hal.core.types import Applied, State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Counters, FrameDecoder
 from dart_hal.wire.frame import WireFrame
+from dart_hal.wire.ledger import T_CK
 from dart_hal.wire.messages import (
     CAPTURE,
     DIAG,
@@ -38,6 +39,7 @@ class Receiver:
         boots: number of HELLOs of another boot.
         hello_stale: the Nano's clock restarted, and no HELLO has followed yet.
         sent_at: gives the time at which a recorded ping was sent.
+        state_ck: Nano's clock in the newest STATE, in ticks.
         fed: number of bytes so far.
     """
 
@@ -46,6 +48,7 @@ class Receiver:
         self._transmitter = transmitter
         self._decoder = FrameDecoder(UP, Gates())
         self.fed = 0
+        self.state_ck = 0
         self._seq = -1
         self.hello: Hello | None = None
         self.hello_values: dict[str, Any] | None = None
@@ -99,6 +102,7 @@ class Receiver:
         """Return the State of a STATE frame."""
         # Unwrap the 8-bit sequence number.
         self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
+        (self.state_ck,) = T_CK.unpack_from(frame.payload)
         millivolt = self.diag.get("vcc_mv", 0)
         state = self._telemetry.read(frame, self._seq, t, self.fed - frame.end, applied,
                                      self.counters.gaps, millivolt * 1e-3 if millivolt else None)

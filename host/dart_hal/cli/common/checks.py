@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from dart_hal.car import Car
 from dart_hal.car.camera import open_named_camera
-from dart_hal.core.config.car import BatteryConfig
+from dart_hal.core.config.car import BatteryConfig, RcConfig
 from dart_hal.core.errors import (
     BusError,
     ConfigError,
@@ -67,7 +67,7 @@ CHECK_TITLES = {
 }
 # With the checks of optional sensors. The order is that of the report.
 ALL_TITLES = {**CHECK_TITLES, "poses": "external poses", "lidar": "lidar", "camera": "camera",
-              "battery": "battery"}
+              "battery": "battery", "rc": "RC receiver"}
 
 
 def _make_check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
@@ -121,6 +121,8 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
             checks.append(_check_camera(car))
         if car.has_battery:
             checks.append(_check_battery(car, states))
+        if car.files.config.rc is not None and car.files.config.rc.enabled:
+            checks.append(_check_rc(car, car.files.config.rc))
         checks += [_check_arming(car), _check_cautions(car, cars)]
     except DartHalError as error:
         # A fault in between is one of the stream; checks that were not reached are skipped.
@@ -350,6 +352,17 @@ def _check_battery(car: Car, states: list[State]) -> DoctorCheck:
                        expected=f"{config.warn_cell:g} V per cell or more",
                        remedy="charge it; forward throttle is limited below "
                               f"{config.limit_cell:g} V per cell")
+
+
+def _check_rc(car: Car, config: RcConfig) -> DoctorCheck:
+    """Check whether the RC receiver has a signal on every channel that is used."""
+    pulses = car.rc_pulses or (0.0, 0.0, 0.0)
+    used = pulses if config.mode_us is not None else pulses[:2]
+    return _make_check("rc", all(used), ", ".join(
+        f"{name} {pulse:.0f} us" if pulse else f"{name} no signal"
+        for name, pulse in zip(("steering", "throttle", "mode"), used, strict=False)), bad="warn",
+        expected="800 to 2200 us on every channel", cause="the transmitter is off, or a wire",
+        remedy="switch it on; docs/build_guide/06_wiring.md, section Options")
 
 
 def _check_files(car: Car, cars: Path | None) -> list[DoctorCheck]:
