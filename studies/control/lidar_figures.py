@@ -2,6 +2,7 @@
 
     python -m studies.control.lidar_figures --seeds 20 --speed 2 1 [--car later] [--laps 2]
     python -m studies.control.lidar_figures --seeds 10 --laps 10 --speed 2 --faults [--no-bridge]
+    python -m studies.control.lidar_figures --seeds 4 --laps 1 --detect-cars
     python -m studies.control.lidar_figures --first 105 --plot docs/pictures/following_lidar.png
 
 Hidden cars in halls about the track, as ``dart-hal follow --poses lidar:map.yaml`` drives them;
@@ -12,7 +13,8 @@ true rear axle after the first 3 m.
 
 --faults: every 10 s no scan for 1 s, and the wheels 60 % too quick for 0.4 s; a second car drives
 half a lap ahead. --no-bridge: a drive ends half a second after its last pose, as by poses
-from outside. "lost": the drive did not end by its laps.
+from outside. "lost": the drive did not end by its laps. --detect-cars: other cars in the scans are
+waited for; without --faults there is none, and each wait is a false one.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from pathlib import Path as File
 import numpy as np
 
 from dart_hal import Car
-from dart_hal.cli.follow import follow, make_follower
+from dart_hal.car.others import Others
+from dart_hal.cli.follow import follow, make_follower, track_cars
 from dart_hal.control.follow import Follower, Rules
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
@@ -56,7 +59,8 @@ SETTLED = 3.0
 @dataclass(frozen=True)
 class Drive:
     """t [s], true x, y [m] in the hall, lateral error [m], way [m], true speed [m/s]: (n,) each,
-    after the first 3 m; contacts with the other car; room: as the map shows it."""
+    after the first 3 m; contacts with the other car; room: as the map shows it; waited [s]: behind
+    other cars that were detected."""
 
     follower: Follower
     room: RoomMap
@@ -66,6 +70,7 @@ class Drive:
     error: FloatArray
     way: FloatArray
     contacts: int
+    waited: float
 
     @property
     def good(self) -> bool:
@@ -161,7 +166,7 @@ def files(url: str, seed: int, folder: File) -> None:
 
 
 def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", laps: int = 2,
-           faults: bool = False, bridge: bool = True) -> Drive:
+           faults: bool = False, bridge: bool = True, detect: bool = False) -> Drive:
     """One drive of a hidden car from rest at the path's start; even seeds drive clockwise."""
     path = track_named("racetrack_vicon_2")
     path = path if seed % 2 else path.reversed()
@@ -182,12 +187,14 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
             for other in others:
                 other.follower = follower
             follower.silent = lambda: bridge and car.lidar.located
-            follow(car, follower, ())
+            detected = Others(None, follower, track_cars(car)) if detect else None
+            follow(car, follower, (), detected)
             car.stop()
             contacts = len(backend.contacts())
         for other in others:
             other.place.leave()
-    return measured(follower, room, np.array(trail), contacts)
+    waited = sum(detected.summary["waited_s"].values()) if detected else 0.0
+    return measured(follower, room, np.array(trail), contacts, waited)
 
 
 def watched(backend: Backend, seed: int, path: Path | None
@@ -219,7 +226,8 @@ def watched(backend: Backend, seed: int, path: Path | None
     return rows, others
 
 
-def measured(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int) -> Drive:
+def measured(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int,
+             waited: float) -> Drive:
     """What was truly driven, every 10 ms, until the laps were over."""
     path, s, error, ways = follower.path, follower.begun_at, [], []
     end = follower.driven.table[-1, 0]
@@ -231,7 +239,7 @@ def measured(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int
     way = np.array(ways) - follower.begun_at
     part = (way > SETTLED) & (way < follower.rules.laps * path.length)
     return Drive(follower, room, t[part], x[part], y[part], np.array(error)[part], way[part],
-                 contacts)
+                 contacts, waited)
 
 
 def plot(seed: int, speed: float, file: File) -> None:
@@ -276,7 +284,8 @@ def told(drives: list[Drive]) -> None:
               + " ".join(f"{v:.1f}" for v in values))
     laps = sum(len(d.follower.driven.lap_times) for d in drives)
     print(f"  laps {laps}, lost {sum(not d.good for d in drives)}, contacts "
-          f"{sum(d.contacts for d in drives)};", dict(Counter(d.follower.why for d in drives)),
+          f"{sum(d.contacts for d in drives)}, waited "
+          f"{sum(d.waited for d in drives):.2f} s;", dict(Counter(d.follower.why for d in drives)),
           flush=True)
 
 
@@ -291,6 +300,7 @@ def main() -> None:
     parser.add_argument("--laps", type=int, default=2)
     parser.add_argument("--faults", action="store_true")
     parser.add_argument("--no-bridge", action="store_true")
+    parser.add_argument("--detect-cars", action="store_true")
     parser.add_argument("--plot", type=File)
     given = parser.parse_args()
     if given.plot:
@@ -298,7 +308,7 @@ def main() -> None:
         return
     for speed in given.speed:
         drives = [driven(seed, speed, given.car, given.tracker, given.laps, given.faults,
-                         not given.no_bridge)
+                         not given.no_bridge, given.detect_cars)
                   for seed in range(given.first, given.first + given.seeds)]
         print(f"{given.car}, hall, {given.tracker}, {speed:g} m/s, {len(drives)} cars"
               + (", faults" if given.faults else ""))

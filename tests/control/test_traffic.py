@@ -71,6 +71,24 @@ def test_a_silent_car_stays_where_it_was_and_is_not_passed():
     assert found.room < 2.0
 
 
+def test_a_possible_car_limits_the_speed_at_once_and_is_not_passed():
+    found = judge_traffic(place_car(2.2, 0.2, confirmed=False))
+    assert (found.wait, found.obstacles) == (TrafficWait.UNCONFIRMED, ())
+    assert 0.0 < found.speed < 0.9
+    found.judge(0.1, 1.0, 1.0, [place_car(2.2, 0.2)])
+    assert (found.wait, found.speed) == (TrafficWait.FREE, inf), "the control: once confirmed"
+    assert judge_traffic(place_car(2.2, 0.45, confirmed=False)).wait is TrafficWait.FREE
+
+
+@pytest.mark.parametrize(("travel", "wait"), [(0.7, TrafficWait.FREE),
+                                              (0.0, TrafficWait.UNCONFIRMED)])
+def test_a_possible_car_where_a_known_one_is_expected_is_that_car(travel, wait):
+    """The report of the known car is 0.5 s old; its place is compared by the centres."""
+    known = place_car(1.6, 0.2, speed=2.0 * travel, age=0.5)
+    possible = place_car(2.2, 0.2, pi, confirmed=False)
+    assert judge_traffic(known, possible).wait is wait
+
+
 def test_one_that_is_heard_is_where_it_has_driven_since():
     still = judge_traffic(place_car(2.5, 0.0))
     on = judge_traffic(place_car(2.5, 0.0, speed=1.0, age=0.3))

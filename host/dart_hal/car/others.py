@@ -53,6 +53,7 @@ class Others:
         follower = self.follower
         found = self.member.other_poses() if self.member else {}
         tracked = list_nearby(self.lidar.cars, motion.t) if self.lidar else []
+        possible = self.lidar.possible if self.lidar else []
         self.received |= found.keys() | {car.name for car in tracked}
         if follower.phase in (Phase.WAITING, Phase.ENDED):
             return
@@ -62,8 +63,8 @@ class Others:
                               f"{motion.frame!r}", good=False)
                 return
         traffic = self.traffic
-        traffic.judge(motion.t, follower.tracker.s, motion.speed, tracked + [
-            NearbyCar(name, o.pose, o.speed, o.age, o.lost) for name, o in found.items()])
+        traffic.judge(motion.t, follower.tracker.s, motion.speed, [*tracked, *possible, *(
+            NearbyCar(name, o.pose, o.speed, o.age, o.lost) for name, o in found.items())])
         follower.free = traffic.speed
         if isinstance(follower.tracker, Contouring):
             follower.tracker.set_moving_obstacles(traffic.obstacles)

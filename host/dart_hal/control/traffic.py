@@ -4,7 +4,7 @@ Each is a disc around its centre that contains its body at any heading. If the d
 within the lane it becomes an obstacle of the plan. Otherwise the car drives no faster than it can
 stop before it, and starts again when it has gone. A car without recent data is assumed at its last
 position and is not passed. One that is lost while it is being passed stays an obstacle, so that the
-car does not steer back into it.
+car does not steer back into it. What may be a car, but is not confirmed, is not passed either.
 
 Between its data a car drives along the path at constant speed, with a growing uncertainty.
 """
@@ -12,7 +12,7 @@ Between its data a car drives along the path at constant speed, with a growing u
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, hypot, inf, sin
+from math import cos, dist, hypot, inf, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +43,8 @@ MIN_START_SPEED = 0.3
 RESTART_MARGIN = 0.03
 # Width [m] that may be missing in a passage that has begun: noise of the position.
 KEEP_MARGIN = 0.02
+# m between the expected place of a car and a new track or a possible car that are one.
+SAME_CAR_DISTANCE = 0.4
 
 
 class TrafficWait(TextEnum):
@@ -51,6 +53,7 @@ class TrafficWait(TextEnum):
     FREE = "FREE"
     BEHIND = "BEHIND"
     LOST = "LOST"
+    UNCONFIRMED = "UNCONFIRMED"
 
 
 class NearbyCar(NamedTuple):
@@ -58,7 +61,7 @@ class NearbyCar(NamedTuple):
 
     pose: of its rear axle, in the frame of the own poses; speed [m/s]; age [s]: of both;
     lost: its last data are too old; speed_std [m/s]; along_std [m]: standard error along its path
-    by its age.
+    by its age; confirmed: otherwise it may be something else, or another car of the list.
     """
 
     name: str
@@ -68,6 +71,7 @@ class NearbyCar(NamedTuple):
     lost: bool
     speed_std: float = 0.0
     along_std: float = 0.0
+    confirmed: bool = True
 
 
 class PathTraffic:
@@ -96,7 +100,8 @@ class PathTraffic:
     def judge(self, t: float, s: float, speed: float, others: Iterable[NearbyCar]) -> None:
         """Update at t [s], with the rear axle at arc length s [m] and a speed [m/s].
 
-        1. Locate each car on the path ahead.
+        1. Locate each car on the path ahead. A possible car at the place of another one is that
+           car.
         2. Pass it if the tracker can, its data are recent and the passage is wide enough.
         3. Otherwise keep the speed from which the car still stops before it. If it is being
            passed already, it remains an obstacle as well.
@@ -110,7 +115,7 @@ class PathTraffic:
         room = inf
         wait = TrafficWait.FREE
         who = ""
-        for other in others:
+        for other in self._drop_known(list(others)):
             obstacle = self._locate(other, t, s, sight)
             if obstacle is None:
                 continue
@@ -122,7 +127,8 @@ class PathTraffic:
             )
             was_passed = self._passes and other.name in self._passed
             least = -KEEP_MARGIN if was_passed else 0.0
-            is_free = self._passes and not other.lost and passage >= least
+            is_free = (self._passes and other.confirmed and not other.lost
+                       and passage >= least)
             if is_free or (was_passed and passage > -OBSTACLE_LANE_MARGIN):
                 passing.append(obstacle)
                 passed.add(other.name)
@@ -132,7 +138,8 @@ class PathTraffic:
                         - POSE_STD_FACTOR * other.along_std)
             if distance < room:
                 room = distance
-                wait = TrafficWait.LOST if other.lost else TrafficWait.BEHIND
+                wait = (TrafficWait.UNCONFIRMED if not other.confirmed else
+                        TrafficWait.LOST if other.lost else TrafficWait.BEHIND)
                 who = other.name
         self._passed = frozenset(passed)
         self.obstacles = tuple(passing)
@@ -146,11 +153,25 @@ class PathTraffic:
             else allowed
         )
 
+    def _drop_known(self, cars: list[NearbyCar]) -> list[NearbyCar]:
+        """Return the cars without the possible ones at the expected place of another car."""
+        places = []
+        for car in cars:
+            if car.confirmed:
+                x, y = self._centre(car.pose)
+                travel = 0.0 if car.lost else car.speed * car.age
+                places.append((x + travel * cos(car.pose.yaw), y + travel * sin(car.pose.yaw)))
+        return [car for car in cars if car.confirmed or all(
+            dist(self._centre(car.pose), place) > SAME_CAR_DISTANCE for place in places)]
+
+    def _centre(self, pose: Pose) -> tuple[float, float]:
+        """Return the centre of a body [m]."""
+        return pose.x + self._rear * cos(pose.yaw), pose.y + self._rear * sin(pose.yaw)
+
     def _locate(self, other: NearbyCar, t: float, s: float, sight: float) -> Obstacle | None:
         """Return a car as an obstacle on the path ahead, or None."""
         pose = other.pose
-        x = pose.x + self._rear * cos(pose.yaw)
-        y = pose.y + self._rear * sin(pose.yaw)
+        x, y = self._centre(pose)
         radius = BODY_RADIUS + POSE_STD_FACTOR * float(np.sqrt(max(pose.cov[0, 0], pose.cov[1, 1])))
         if not self._path.closed:
             sight = min(sight, max(self._path.length - s, 0.0) + 1.0)

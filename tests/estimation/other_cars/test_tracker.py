@@ -7,7 +7,11 @@ import pytest
 
 from dart_hal.estimation.other_cars.rectangle import CarSize
 from dart_hal.estimation.other_cars.sweep import RoomBeams
-from dart_hal.estimation.other_cars.tracker import CarTracker
+from dart_hal.estimation.other_cars.tracker import (
+    MAX_CANDIDATE_GAP,
+    MIN_POSSIBLE_FITS,
+    CarTracker,
+)
 from studies.detection.figures import Errors, evaluate
 from studies.detection.world import scene
 
@@ -59,11 +63,11 @@ def test_a_car_at_rest_is_found_and_nothing_else_is_where_nothing_is():
     assert not errors.at_rest["nothing"]
 
 
-def make_seam_sweep(t):
+def make_seam_sweep(t, car=True):
     """A revolution about the origin that begins at +x, where a car of 0.19 m is 2 m away."""
     angle = -np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
     direction = np.column_stack((np.cos(angle), np.sin(angle)))
-    on_car = (np.abs(direction[:, 1]) < 0.0475) & (direction[:, 0] > 0.0)
+    on_car = (np.abs(direction[:, 1]) < 0.0475) & (direction[:, 0] > 0.0) & car
     wall = np.full(600, 4.0)
     return RoomBeams(t + 2e-4 * np.arange(600), np.zeros((600, 2)), direction,
                      np.where(on_car, 2.0 / np.maximum(direction[:, 0], 0.5), wall), wall, on_car)
@@ -80,6 +84,33 @@ def test_a_car_over_the_seam_of_the_scans_is_one_track_at_rest(monkeypatch, cuts
     found = [track for track in tracks if track.at_rest and abs(track.mean[1]) < 0.03]
     assert bool(found) is cuts
     assert all(abs(track.mean[3]) < speed for track in found)
+
+
+def test_what_two_turns_show_is_a_possible_car_until_it_is_confirmed():
+    tracker = CarTracker(CarSize(0.30, 0.19, 0.0875))
+    found = []
+    for k in range(16):
+        confirmed = tracker.add(make_seam_sweep(0.12 * k))
+        found.append((len(tracker.list_possible(0.12 * (k + 1))), len(confirmed)))
+    start = found.index((1, 0))
+    end = found.index((0, 1))
+    assert start == MIN_POSSIBLE_FITS - 1
+    assert 6 < end < 16
+    assert found == [(0, 0)] * start + [(1, 0)] * (end - start) + [(0, 1)] * (16 - end)
+
+
+def test_a_possible_car_is_at_its_last_place_and_vanishes_with_its_beams():
+    tracker = CarTracker(CarSize(0.30, 0.19, 0.0875))
+    for k in range(3):
+        tracker.add(make_seam_sweep(0.12 * k))
+    (possible,) = tracker.list_possible(0.36)
+    assert possible.centre == pytest.approx((2.12, 0.0), abs=0.08)
+    for k in range(3, 9):
+        tracker.add(make_seam_sweep(0.12 * k, car=False))
+        t = 0.12 * (k + 1)
+        if tracker.list_possible(t):
+            assert t - possible.t < MAX_CANDIDATE_GAP + 0.25
+    assert not tracker.list_possible(t)
 
 
 def test_an_empty_sweep_has_no_track():

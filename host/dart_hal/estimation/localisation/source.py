@@ -15,12 +15,13 @@ from pathlib import Path
 from queue import Full, Queue
 from urllib.parse import parse_qsl, urlsplit
 
+from dart_hal.control.traffic import NearbyCar
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import ExternalPose, Scan, State
 from dart_hal.estimation.localisation.field import Map, map_of_grid
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.estimation.localisation.localiser import Localiser, Located
-from dart_hal.estimation.other_cars.memory import remember_cars
+from dart_hal.estimation.other_cars.memory import list_possible, remember_cars
 from dart_hal.estimation.other_cars.rectangle import CarSize
 from dart_hal.estimation.other_cars.sweep import make_sweep
 from dart_hal.estimation.other_cars.tracker import CarTracker
@@ -38,7 +39,8 @@ class LidarPoses:
     """``PoseSource`` of a car with a lidar; the car calls ``add_states`` and ``add``.
 
     ``newest``: result of the last scan, None before it; ``dropped``: number of dropped scans;
-    ``cars``: other cars in the scans after ``track_cars``, with those lost of late.
+    ``cars``: other cars in the scans after ``track_cars``, with those lost of late; ``possible``:
+    what may be one.
     """
 
     on_board = True
@@ -50,6 +52,7 @@ class LidarPoses:
         self.dropped = 0
         self.newest: Located | None = None
         self.cars: tuple[CarTrack, ...] = ()
+        self.possible: list[NearbyCar] = []
         self._tracker: CarTracker | None = None
         self._localiser = Localiser(chart, start)
         self._states: list[State] = []
@@ -118,6 +121,8 @@ class LidarPoses:
                 sweep = make_sweep(self.chart, self._localiser.beams, pose)
                 self.cars = remember_cars(self.cars, self._tracker.add(sweep), sweep,
                                           self._tracker.size)
+                self.possible = list_possible(self._tracker.list_possible(located.t),
+                                              self._tracker.size)
             self._poses.append(ExternalPose(located.t, located.arrival, pose.x, pose.y, pose.yaw,
                                             pose.cov, FRAME))
 

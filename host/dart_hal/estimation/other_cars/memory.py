@@ -13,8 +13,8 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from dart_hal.control.traffic import NearbyCar
-from dart_hal.core.types import Pose
+from dart_hal.control.traffic import SAME_CAR_DISTANCE, NearbyCar
+from dart_hal.core.types import Pose, pose_cov
 from dart_hal.estimation.other_cars.rectangle import (
     RANGE_STD,
     CarSize,
@@ -22,7 +22,8 @@ from dart_hal.estimation.other_cars.rectangle import (
     select_window,
 )
 from dart_hal.estimation.other_cars.sweep import RoomBeams
-from dart_hal.estimation.other_cars.tracks import SPEED_ACCEL_STD, CarTrack
+from dart_hal.estimation.other_cars.tracker import PossibleCar
+from dart_hal.estimation.other_cars.tracks import SPEED_ACCEL_STD, START_STDS, CarTrack
 
 # s after the last beams on a car: it is predicted, and it may be forgotten.
 COAST_TIME = 1.5
@@ -30,8 +31,6 @@ FORGET_TIME = 3.0
 # Beams, and share of those that meet its place, which have to pass through it.
 MIN_FREE_BEAMS = 5
 MIN_FREE_SHARE = 0.8
-# m between a new track and the expected place of an old one that are one car.
-SAME_CAR_DISTANCE = 0.4
 
 
 def remember_cars(known: tuple[CarTrack, ...], tracks: tuple[CarTrack, ...], sweep: RoomBeams,
@@ -79,3 +78,11 @@ def list_nearby(cars: tuple[CarTrack, ...], t: float) -> list[NearbyCar]:
             t - car.hit_t > COAST_TIME, speed_std,
             hypot(speed_std * age, 0.5 * SPEED_ACCEL_STD * age * age)))
     return nearby
+
+
+def list_possible(possible: tuple[PossibleCar, ...], size: CarSize) -> list[NearbyCar]:
+    """Return possible cars for the traffic rules: at rest, at an unknown heading."""
+    x_std, y_std = START_STDS[:2]
+    return [NearbyCar("possible car", Pose(float(one.centre[0]) - size.centre_x,
+                                           float(one.centre[1]), 0.0, pose_cov(x_std, y_std)),
+                      0.0, 0.0, False, confirmed=False) for one in possible]

@@ -11,12 +11,15 @@ For each sweep:
 3. Unexplained beams elsewhere are grouped. A rectangle is fitted to each group, at any heading.
 4. Fits of successive sweeps that move like one car become a track: then the heading is known.
    Fits that stay at one place become a track at rest: a car, or a new box of its size.
+
+Until its track is confirmed, what has been fitted in two turns is a possible car.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import cos, hypot, pi, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,6 +65,8 @@ REST_SEARCH_SWEEPS = 4
 # m between a fit and the place where the candidate is expected; s without a fit.
 CANDIDATE_GATE = 0.35
 MAX_CANDIDATE_GAP = 0.4
+# Fits, each of another turn, after which a candidate counts as a possible car.
+MIN_POSSIBLE_FITS = 2
 # s without beams on a car after which its track ends.
 MAX_COAST_TIME = 0.6
 # m/s, beyond the fastest car.
@@ -73,6 +78,13 @@ TRACK_POSES = 600
 GROUP_POSES = (1500, 400)
 # m and rad around the best pose of the first round.
 REFINED_STDS = (0.03, 0.03, 0.12)
+
+
+class PossibleCar(NamedTuple):
+    """Something that may be a car: its centre (2,) [m] at t [s]."""
+
+    t: float
+    centre: FloatArray
 
 
 @dataclass(slots=True)
@@ -153,6 +165,14 @@ class CarTracker:
                             if now - one.times[-1] < MAX_CANDIDATE_GAP]
         self._learn_resting(all_points, now)
         return self._list_confirmed()
+
+    def list_possible(self, t: float) -> tuple[PossibleCar, ...]:
+        """Return what may be a car at t [s] without a confirmed track, where beams last ended on
+        it."""
+        tracks = [PossibleCar(track.hit_t, self._centre(track.mean)) for track in self._tracks
+                  if not track.confirmed and t - track.hit_t < MAX_CANDIDATE_GAP]
+        return (*tracks, *(PossibleCar(one.times[-1], one.centres[-1]) for one in self._candidates
+                           if len(one.times) >= MIN_POSSIBLE_FITS))
 
     def _cut(self, sweep: RoomBeams) -> RoomBeams:
         """Return the end of the last sweep with this one up to its own cut.
