@@ -69,10 +69,7 @@ def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring:
 @pytest.mark.parametrize("rate", [100e3, 260e3, 1e6])
 @pytest.mark.slow_except("100000.0-rings0-0")
 def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[int, ...],
-                                         edge_min_us: int,
-                                         request: pytest.FixtureRequest) -> None:
-    if (rate, rings, edge_min_us) == (1e6, (0, 1), 0):
-        request.applymarker(pytest.mark.xfail(strict=True, reason="47 of 48 STATE since the looks"))
+                                         edge_min_us: int) -> None:
     rig = live(nano(eeprom=eeprom_image(safety_out=ENABLE, ring_b=1, edge_min_us=edge_min_us)))
     for ring in rings:
         rig.nano.set_chatter(ring, rate, irregular=True)
