@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.car import Car
-from dart_hal.car.rc import scale_stick
-from dart_hal.core.config.car import RcChannel
+from dart_hal.car.rc import RcOverride, scale_stick
+from dart_hal.core.config.car import CarConfig, Geometry, RcChannel, RcConfig
 from dart_hal.core.errors import ConfigError
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -56,6 +56,19 @@ def test_only_a_car_with_a_receiver_reads_it(table, reads):
             pass
         assert (car._engine.driver.rc is not None) == reads
         assert not car.answers("RC")
+
+
+@pytest.mark.parametrize(("state_ck", "present"), [
+    (1_000_000_000, True), (1_000_090_000, True), (999_980_000, True), (1_000_110_001, False),
+    (2000, False), (3_200_000_000, False)])
+def test_a_pulse_counts_while_its_age_is_small(state_ck, present):
+    """Later, slightly earlier, and after the Nano's clock has restarted or run on for long."""
+    override = RcOverride(CarConfig(
+        name="a", rc=RcConfig(), geometry=Geometry(wheelbase=0.175, l_f=0.1, l_r=0.075, mass=2.0)))
+    override.add({"t_ck": 1_000_000_000, "pulse": (3000, 3800, 0), "age": (9, 10, 255)}, 1.0)
+    assert override.has_signal(state_ck) == present
+    override.step(1.0, state_ck, armed=True)
+    assert override.has_signal(1_000_000_000) == present, "a lost pulse does not come back"
 
 
 def test_a_replay_has_the_override(tmp_path):

@@ -87,12 +87,13 @@ class RcOverride:
         """Return whether a pulse of every channel was recent at a STATE, in the Nano's ticks.
 
         Both times are the Nano's, so that delays of the line do not count; without any message the
-        link is stale. A message RC may be newer than the STATE: the age is then negative.
+        link is stale. A message RC may be newer than the STATE: the age is then negative. A clock
+        that has restarted gives an age out of the range.
         """
         if self._pulse_ck is None:
             return False
         age = (state_ck - self._pulse_ck + HALF_CLOCK) % (2 * HALF_CLOCK) - HALF_CLOCK
-        return age <= MAX_PULSE_AGE * TICKS_PER_SECOND
+        return abs(age) <= MAX_PULSE_AGE * TICKS_PER_SECOND
 
     def step(self, now: float, state_ck: int, *, armed: bool) -> bool:
         """Advance to the STATE of ``state_ck`` [ticks], which arrived at host time ``now`` [s].
@@ -100,6 +101,8 @@ class RcOverride:
         Returns whether the signal was lost during an override.
         """
         if not self.has_signal(state_ck):
+            # Only another message counts again: the clock wraps after 36 minutes.
+            self._pulse_ck = None
             ends = self.active
             self.lost = self.lost or ends
             self.active = self._released = False
