@@ -55,25 +55,27 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark as slow each case that the mark ``slow_except`` of its test does not name.
+    """Mark each case that ``slow_except`` or ``long_except`` of its test does not name.
 
-    Raises UsageError if a name fits no case.
+    It becomes slow or long. Raises UsageError if a name fits no case.
     """
     fits: dict[tuple[str, str], bool] = {}
     for item in items:
         if item.get_closest_marker("realtime"):
             item.add_marker(pytest.mark.flaky(reruns=2, condition=was_busy))
-        mark = item.get_closest_marker("slow_except")
         case = getattr(item, "callspec", None)
-        if mark and case:
-            test = item.nodeid.partition("[")[0]
-            own = {(test, name): fnmatchcase(case.id, name) for name in mark.args}
-            fits |= {key: fit or fits.get(key, False) for key, fit in own.items()}
-            if not any(own.values()):
-                item.add_marker("slow")
+        test = item.nodeid.partition("[")[0]
+        for kind in ("slow", "long"):
+            mark = item.get_closest_marker(f"{kind}_except")
+            if mark and case:
+                own = {(test, name): fnmatchcase(case.id, name) for name in mark.args}
+                fits |= {key: fit or fits.get(key, False) for key, fit in own.items()}
+                if not any(own.values()):
+                    item.add_marker(kind)
     wrong = sorted(key for key, fit in fits.items() if not fit)
     if wrong and not any("[" in argument for argument in config.args):
-        raise pytest.UsageError(f"marks `slow_except` for cases that do not exist: {wrong}")
+        raise pytest.UsageError(
+            f"marks `slow_except` or `long_except` for cases that do not exist: {wrong}")
 
 
 def read_waiting_time() -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""`slow_except` decides which cases `make test` runs; a busy computer repeats real time."""
+"""`slow_except` and `long_except` decide what runs; a busy computer repeats real time."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def test_slow(): pass
 @pytest.mark.parametrize("n", [1, 2, 13])
 @pytest.mark.slow_except("1*")
 def test_cases(n): pass
+
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.slow
+@pytest.mark.long_except("1")
+def test_more_cases(n): pass
 """
 
 
@@ -26,15 +31,18 @@ def run(folder: Path, sample: str, *options: str) -> subprocess.CompletedProcess
     assert "/proc/pressure/cpu" in hooks
     (folder / "conftest.py").write_text(hooks.replace("/proc/pressure/cpu", "pressure.txt"))
     (folder / "test_sample.py").write_text(sample)
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  slow\n  slow_except\n  realtime\n")
+    marks = ("slow", "slow_except", "long", "long_except", "realtime")
+    (folder / "pytest.ini").write_text("\n  ".join(["[pytest]\nmarkers =", *marks]) + "\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("marks", "selected"), [
-    ("not slow", ["test_cases[1]", "test_cases[13]"]), ("slow", ["test_slow", "test_cases[2]"])])
-def test_cases_that_are_not_named_are_slow(tmp_path, marks, selected):
+    ("not slow", ["test_cases[1]", "test_cases[13]"]),
+    ("slow and not long", ["test_slow", "test_cases[2]", "test_more_cases[1]"]),
+    ("long", ["test_more_cases[2]"])])
+def test_cases_that_are_not_named_are_slow_or_long(tmp_path, marks, selected):
     done = run(tmp_path, SAMPLE, "--collect-only", "-m", marks)
     ids = [line.partition("::")[2] for line in done.stdout.splitlines() if "::" in line]
     assert ids == selected

@@ -191,6 +191,7 @@ def test_its_needs_can_be_met_for_every_python(uv, wheel, tmp_path, python):
 
 
 @pytest.mark.parametrize("python", PYTHONS)
+@pytest.mark.long_except("3.10", "3.13")
 def test_it_drives_with_every_python_of_this_machine(uv, wheel, tmp_path, python):
     found = find_python(uv, python, tmp_path)
     if not found:
@@ -240,6 +241,7 @@ def test_the_base_install_needs_these_packages_alone(wheel):
 
 
 @pytest.mark.parametrize("emulator", [False, True])
+@pytest.mark.long_except("True")
 def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
     """On the mock, which is reported; from the emulator where one is built."""
     place = tmp_path / "libdartemu.so"

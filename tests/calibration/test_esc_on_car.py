@@ -140,6 +140,7 @@ def test_control_without_its_lag_the_onset_is_off_or_refused(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.long_except("3")
 def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
     """Both cars were refused before the lag was fitted."""
     watched = Spun(f"{URL}{seed}&effect=throttle_lag:0.084", tmp_path)
@@ -155,14 +156,15 @@ def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
+@pytest.mark.long_except("avr")
 def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
     """It has a gyro without noise, whose samples with lifted wheels are zeros now and then."""
     result = Spun(f"sim://?nano={nano}", tmp_path).calibrate()
     assert result.quantities["throttle.neutral_us"].value == pytest.approx(1500.0, abs=1.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 9])
+@pytest.mark.long
 def test_more_hidden_escs(seed):
     assert {name: z for name, z in worst(errors("esc", seed)).items() if z > 3.5} == {}
 
@@ -235,6 +237,7 @@ def as_esc(kind, **params):
     (Esc, {"reverse_gap": 0.8}, "after_brake", set()),
     (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
     (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
+@pytest.mark.long_except("*0", "*5")
 def test_the_behaviour_of_another_esc_is_reported(tmp_path, kind, params, reverse, absent):
     result = Spun(f"{URL}5", tmp_path, as_esc(kind, **params)).calibrate()
     assert result.others["throttle.reverse"] == reverse
@@ -322,6 +325,7 @@ def pressed(tmp_path, t: float) -> Spun:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("when", PRESSED)
+@pytest.mark.long_except("full throttle", "reverse")
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched = pressed(tmp_path, PRESSED[when])
     assert watched.pulled_after(PRESSED[when]) < FRAMES

@@ -114,6 +114,7 @@ def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANOEUVRES)
+@pytest.mark.long_except("slalom")
 def test_covariance_covers_wrong_samples_of_every_size(drives, name):
     drive = drives(name)
     for _, bit, every, run in sizes([name]):
@@ -158,6 +159,7 @@ def test_wrong_accelerations_accuse_no_encoder(drives, monkeypatch, filtered):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANOEUVRES)
+@pytest.mark.long_except("throttle")
 def test_wrong_accelerations_of_every_size_change_neither_pose_nor_speed(drives, name):
     drive = drives(name)
     clean = drive.estimate()

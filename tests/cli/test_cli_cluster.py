@@ -82,7 +82,7 @@ def test_evaluate_is_the_same(verb, address, monkeypatch):
     assert found == alone
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_joint_fit_and_study_are_the_same(verb, address, tmp_path):
     folder = tmp_path / "recordings"
     folder.mkdir()
@@ -101,7 +101,7 @@ def answers():
         {**a, "seconds": 0.0}))) for a in campaign.results(CLUSTER_CASES, CLUSTER_SECONDS, 1)}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_campaign_is_the_same(address):
     alone = answers()
     with use_cluster(address):
@@ -110,7 +110,7 @@ def test_a_campaign_is_the_same(address):
     assert not any("error" in a for a in alone.values())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_coverage_is_the_same(address, tmp_path, monkeypatch):
     def lines(*words):
         file = tmp_path / f"{len(words)}.jsonl"

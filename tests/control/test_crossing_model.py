@@ -108,6 +108,7 @@ def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):
 @pytest.mark.parametrize(("rounds", "restarts", "room"), [
     (1, 0, 0), (1, 0, 1), (1, 1, 0), pytest.param(2, 0, 0, marks=pytest.mark.long),
 ], ids=str)
+@pytest.mark.long_except("1-0-1")
 def test_nor_is_any_where_others_pass_messages_on_at_any_time(rounds, restarts, room):
     found = check(2, rounds, restarts, room, passed=True)
     assert found.states > 5000

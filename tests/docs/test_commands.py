@@ -78,6 +78,7 @@ def test_the_commands_of_a_page_work(page, tmp_path):
 @pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.long_except("README")
 def test_all_of_it_works_on_the_firmware(page, tmp_path):
     assert play(page, tmp_path, slow=True)
 

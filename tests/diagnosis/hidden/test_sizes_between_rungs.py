@@ -22,11 +22,14 @@ SHARE = 0.85  # of what the true size gains
 MIN_GAIN = 4.0  # of loss: two standard deviations of one number
 ALIASES = ("pwm_quantisation",)
 """A command between two steps lies between two of finer steps as well: sizes have aliases."""
-SIGNED_SIZES = [(e.name, q.name, float(sign * k)) for e in catalogue().values()
-                for q in scanned_parameters(e)
+BETWEEN_RUNGS = 1
+"""The size in the middle between two that the scan tries, of five."""
+SIGNED_SIZES = [pytest.param(e.name, q.name, float(sign * k),
+                             marks=() if n == BETWEEN_RUNGS else pytest.mark.long)
+                for e in catalogue().values() for q in scanned_parameters(e)
                 for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
-                for k in np.geomspace(q.sizes[0], q.sizes[2], 5) if q.low <= q.null
-                + sign * k <= q.high]
+                for n, k in enumerate(np.geomspace(q.sizes[0], q.sizes[2], 5))
+                if q.low <= q.null + sign * k <= q.high]
 
 
 def gains(tmp_path, name, values, top=0.34):
