@@ -42,6 +42,7 @@ def measured(url: str, change=None, cars=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 61])
+@pytest.mark.long_except("61")
 def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
     url = f"sim://?seed={seed}&nano=mock&mocap=1"
     found, files = measured(url, cars=tmp_path)
@@ -63,6 +64,7 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 8801])
+@pytest.mark.long_except("8801")
 def test_the_latency_is_unbiased_on_the_real_firmware(seed):
     """The gyro is read after the acceleration: not counted, that was 2.4 ms on every car."""
     found, _ = measured(f"sim://?seed={seed}&mocap=1")
@@ -75,6 +77,7 @@ def test_the_latency_is_unbiased_on_the_real_firmware(seed):
     (lambda p: replace(p, y=-p.y, yaw=-p.yaw), "left-handed", "hand=left"),
     (lambda p: replace(p, x=1.0, y=2.0, yaw=0.3), "do not move while the car drives", "settings"),
 ])
+@pytest.mark.long_except("*-left-handed-*")
 def test_a_wrong_source_is_named_and_nothing_comes_of_it(change, words, remedy):
     with pytest.raises(CalibrationFailed, match=words) as refused:
         measured(f"{URL}&mocap=1", change)

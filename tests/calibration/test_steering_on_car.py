@@ -63,7 +63,7 @@ def test_papers_map_instead_of_a_measurement_would_be_off():
     assert np.mean(np.array(rms) > 0.4) > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_second_run_uses_the_file_that_the_first_one_wrote(tmp_path):
     url = "sim://?seed=3&nano=mock"
     with Car.open(url, cars=tmp_path) as car:
@@ -91,7 +91,7 @@ def test_interrupt_stops_the_car(tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_run_of_the_procedure_gives_the_same_map_as_a_recording(tmp_path):
     """Driven, recorded, replayed: the slip and the turning points are not removed there."""
     run = tmp_path / "run.mcap"

@@ -149,6 +149,7 @@ def test_more_hidden_cars(seed, verb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.6)])
+@pytest.mark.long_except("0.0-1.6")
 def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
     watched = Driven(f"{URL}6", tmp_path)
     far = []

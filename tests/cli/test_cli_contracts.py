@@ -107,7 +107,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
     assert answer not in ran.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_demo(verb, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_lab.demo.real.find_excerpt", lambda: None)
     done = verb("demo", "--url", MOCK_7_URL, "--out", tmp_path / "demo", "--json")

@@ -42,6 +42,7 @@ def test_a_car_without_an_answer_waits_before_the_ground_at_neutral(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["dead", "mute", "restart", "lost"])
+@pytest.mark.long_except("dead", "restart")
 def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
     """The fault is of the car that goes first, on its way across."""
     room = "local://fault?loss=0.5&delay=0.01&jitter=0.04&seed=3"

@@ -116,7 +116,7 @@ def test_nor_is_any_where_others_pass_messages_on_at_any_time(rounds, restarts, 
     assert found.stuck is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_session_begun_by_what_was_passed_on_is_waited_for_without_end():
     found = check(2, 1, 1, 0, rules=PassedOnBeginsASession(), passed=True)
     assert found.unsafe is None
@@ -124,7 +124,7 @@ def test_a_session_begun_by_what_was_passed_on_is_waited_for_without_end():
     assert any(o.retired for car in found.stuck.cars for o in car.others if o is not None)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_with_one_taken_up_again_two_are_on_the_ground():
     found = check(2, 2, 0, 0, rules=PassedOnRevives(), passed=True)
     assert found.unsafe is not None

@@ -123,6 +123,7 @@ def test_lags_that_the_model_does_not_know_send_it_out_of_the_lane():
 @pytest.mark.slow
 @both_laws
 @pytest.mark.parametrize("weights", [PathWeights(), TUNED], ids=["published", "tuned"])
+@pytest.mark.long_except("tuned-ca-mpcc")
 def test_the_iteration_drives_as_the_optimum(law, weights):
     """Within 15 % of IPOPT's error of the car, 2 mm of its plans' (extra ``mpc``)."""
     pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")

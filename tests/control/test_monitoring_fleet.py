@@ -43,7 +43,7 @@ class Death:
                     if fall > since and fall - rise > NEUTRAL_PULSE_S + NEAR), default=0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_cars_spread_while_messages_are_lost():
     drive = driven(1, "kinematic", 0.3, 8.0)
     assert drive.contacts == 0
@@ -52,8 +52,8 @@ def test_three_cars_spread_while_messages_are_lost():
     assert drive.modes[MonitorMode.YIELDING] < 0.01 * drive.modes.total()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("plant", "loss"), [("paper", 0.5), ("named", 0.3)])
+@pytest.mark.long
 def test_they_keep_their_places(plant, loss):
     drive = driven(4, plant, loss, 20.0)
     assert drive.contacts == 0

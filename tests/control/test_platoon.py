@@ -142,6 +142,7 @@ def test_a_brake_that_is_weaker_than_reported_ends_in_contact():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("dt", "delay"), [(0.1, 0.0), (0.1, 0.1), (0.1, 0.2), (0.05, 0.1)])
+@pytest.mark.long_except("0.1-0.1")
 def test_more_scenarios_without_noise(dt, delay):
     ruled = worst(range(100, 140), DART, dt, delay, **{**AS_PUBLISHED, "rule": True})
     assert ruled.min() >= 0.02 - 1e-9

@@ -108,7 +108,7 @@ def replace_answer(monkeypatch, number, since, act):
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_behind_a_silent_car_it_follows_by_its_lidar():
     drive, truth = cars.straight(4, silent=(1,), **SHORT)
     assert not drive.contacts
@@ -151,7 +151,7 @@ def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypa
     assert not drive.contacts
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_between_boards_no_pose_that_is_off_across_is_followed():
     """A lidar that sees its lane steers better than a pose that is up to 4 cm off, and the doors
     in the boards are no lane."""

@@ -242,6 +242,7 @@ def test_four_cars_cross_in_time_though_half_of_the_messages_are_lost():
 @pytest.mark.parametrize(("place", "meet"), [
     ("intersection", True), ("merge", True), ("open", False)])
 @pytest.mark.slow
+@pytest.mark.long_except("intersection-True", "open-False")
 def test_arrivals(place, meet):
     """In the open space cars hardly meet, so nothing collides without acknowledgements either."""
     drawn = arrivals(place, 10, 520)

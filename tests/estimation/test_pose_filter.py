@@ -139,6 +139,7 @@ def ends(noise, poses=True):
                                    OdometryNoise(gyro_scale=0.002, slip_gain=0.04)],
                          ids=["default", "noisy gyro", "slippery"])
 @pytest.mark.parametrize(("column", "degrees"), [(0, 3), (1, 7)])
+@pytest.mark.long_except("0-3-noisy gyro", "1-7-slippery")
 def test_the_covariance_is_honest(noise, column, degrees):
     low, high = band(degrees)
     assert low < np.mean(ends(noise)[:, column]) < high

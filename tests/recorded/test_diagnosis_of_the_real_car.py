@@ -169,6 +169,7 @@ def test_neither_the_order_of_files_nor_the_number_of_processes_matters(case):
                                                            for s in answer.diagnosis.stages]
 
 
+@pytest.mark.long
 def test_the_seed_does_not_decide(case):
     (folder, train, test, only), answer = case
     for seed in (7,) if only else (1, 2):

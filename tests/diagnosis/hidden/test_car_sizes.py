@@ -83,7 +83,7 @@ def test_a_hidden_force_is_found_at_all_sizes(tmp_path):
     check_sizes(diagnose_sizes(tmp_path, hidden, 30.0), hidden, {"rolling_resistance": "N"})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_hidden_causes_are_found_at_all_sizes(tmp_path):
     hidden = {"rolling_resistance": 0.8, "steering_backlash": 0.08}
     check_sizes(diagnose_sizes(tmp_path, hidden, 45.0), hidden,

@@ -39,6 +39,7 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.parametrize("aged", [True, False])
+@pytest.mark.long_except("True")
 def test_a_lag_with_a_fixed_model_gains_at_the_age_of_the_commands(aged, monkeypatch):
     """Control: with the age of the commands on top of its delays, the lag seems to raise the errors
     of the test recording."""

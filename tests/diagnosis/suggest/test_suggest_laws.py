@@ -152,7 +152,7 @@ def test_the_prediction(question):
     assert np.mean(bias - trim) == pytest.approx(0.02, abs=0.002)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
     drives = list(rehearse_choices(LARGE_FLOOR))
     assert [d.choice.name for d in drives] == [c.name for c in CHOICES]

@@ -97,7 +97,7 @@ def test_nothing_is_reported_so_no_model_is_written(run, tmp_path):
     assert "not written: tyres" in err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_floor_too_short_to_coast_is_status_1(run):
     code, out, err = run("friction", "--url", "sim://?seed=7&nano=mock", "--space", "4x2.5",
                          "--out", "one.mcap")
@@ -106,7 +106,7 @@ def test_a_floor_too_short_to_coast_is_status_1(run):
     assert "next:" not in out + err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_to_type_next_and_a_table_whose_columns_have_names(run):
     code, out, err = run("friction", "--url", "sim://?seed=4&nano=mock&physics=kinematic&tick=10",
                          "--space", "9x3", "--out", "one.mcap")

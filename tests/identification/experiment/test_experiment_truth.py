@@ -86,7 +86,7 @@ def test_steering_of_a_hidden_car(experiment, misses, truth_of):
     assert all(abs(z) < FAR for z in away.values()), away
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_delay_of_hidden_cars(experiment):
     """Each holds the truth; how wide an interval is hangs on what the drive happened to be."""
     dones = [experiment("delay", seed, QUICK) for seed in (3, 4, 5)]
@@ -106,7 +106,7 @@ def test_delay_of_hidden_cars(experiment):
     assert median(wide) < 0.015  # the loose friction of so little coasting is not in it
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_identify_reads_the_delay_as_the_experiment_does(experiment):
     """For any thinning; and the data check calls good what the fit takes."""
     done = experiment("delay", 3, QUICK)

@@ -63,7 +63,7 @@ def test_the_truth_lies_within_the_stated_intervals(fits):
     assert all(f.converged for fit in fits for f in fit.values())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     """Cars that chance pushes roll longer: taken as long as they roll, friction seems to fade."""
     right, wrong = [], []
