@@ -35,7 +35,7 @@ def test_control_wrong_intervals_are_detected(stated):
     assert not POOLED[0] < pooled.share < POOLED[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_number_of_one_hidden_car_is_near_the_truth():
     z = worst(errors("all", 12))
     assert len(z) >= 25

@@ -33,6 +33,7 @@ def test_a_drag_along_the_wheels_is_one_cause(seed):
     "size is accepted beside load_transfer: the difference goes with the side force and the "
     "steering angle, as in damping (three of four drives with an exact model, none of four with "
     "parameters known to 1 %)"))
+@pytest.mark.long
 def test_a_load_transfer_by_drive_force_is_one_cause():
     answer = run(Case("near", 100, (("drive_load_transfer", NEAR["drive_load_transfer"][1]),),
                       base="fixed"))

@@ -55,7 +55,7 @@ def test_a_drive_measures_what_it_was_suggested_for(diagnosis_and_plan):
         assert found.std < 2.5 * promised
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_floor_too_small_for_any_drive_is_reported(diagnosis_and_plan):
     for one in suggest_parameter_drives(diagnosis_and_plan(), floor=Floor(1.0, 1.0)):
         if not one.drive:

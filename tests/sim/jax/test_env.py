@@ -60,7 +60,7 @@ def test_an_episode_is_that_of_gymnasium(doubles, changes):
             assert float(out.info[name]) == pytest.approx(info[name], abs=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_drawn_cars_drive_and_begin_again():
     env = DartCar(randomise=True, episode=0.5)
     keys = jax.random.split(jax.random.key(2), 64)
