@@ -15,11 +15,11 @@ from studies.diagnosis import any_car
 from studies.diagnosis.any_car import asked
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "options", "silent"), [
     (103, "", True), (103, "&effect=motor_gain:-0.15", False),
     (200, "",
      True)])  # with an IMU that is misaligned by 2.3 deg, of which the first drive makes no name
+@pytest.mark.long
 def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
     answer = asked(seed, options)
     gained = max(g.test for g in answer.found.gain.values())
