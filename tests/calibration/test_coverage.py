@@ -50,7 +50,7 @@ def test_true_parameters_are_in_units_of_the_recorded_throttle():
     assert own["delay.steering_s"] > 0.012  # the wait for a PWM frame and the pulse
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_joint_fit_of_a_calibrated_hidden_car_is_near_the_truth(tmp_path):
     """Before commands counted from their writes 9 of 18 were beyond 3.8 standard errors."""
     calibrated(9001, tmp_path)

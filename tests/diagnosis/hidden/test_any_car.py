@@ -32,7 +32,7 @@ def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
         assert gained > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_first_drive_that_starts_from_what_was_measured_knows_the_steering(tmp_path):
     """From data sheets its play of 0.0138 rad was taken for a lag of 17 ms."""
     any_car.calibrated("sim://?seed=1143&nano=mock", tmp_path)
