@@ -47,7 +47,7 @@ def run_upgrades(seconds, only):
     return example.main(seconds)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_extended_model_tunes_the_better_controller():
     found, driven = run_tune(LAG, short=True)
     assert [c.effect for c in found.causes] == ["steering_lag"]

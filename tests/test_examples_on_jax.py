@@ -24,8 +24,8 @@ def test_a_fit_by_gradients_agrees_with_identify(main):
     assert max(differences.values()) < 0.3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("main", ["learn_by_ppo"], indirect=True)
+@pytest.mark.long
 def test_a_few_updates_drive_further_in_the_lane(main):
     pursuit, before, after = main(20)
     assert pursuit[0] > 0.9, "control: the lane can be kept"

@@ -30,7 +30,7 @@ def test_gate_refuses_recording_that_reference_lacks():
         bench_real_car.compare([fold("c", 1.0, 1.0)], [fold("a", 1.0, 1.0)])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_neural_residual_starts_at_the_bicycle_and_learns():
     pytest.importorskip("jax", reason="needs the extra bench")
     import neural_residual

@@ -156,7 +156,7 @@ def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
-@pytest.mark.long_except("avr")
+@pytest.mark.long_except("mock")
 def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
     """It has a gyro without noise, whose samples with lifted wheels are zeros now and then."""
     result = Spun(f"sim://?nano={nano}", tmp_path).calibrate()

@@ -168,7 +168,7 @@ def test_the_yaw_follows_the_gyro_scale_within_its_standard_error(drive_log):
     assert any_gyro.found["x"].std == calibrated.found["x"].std
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_map_of_another_room_is_refused(drive_log):
     with pytest.raises(CalibrationFailed, match="not of this map"):
         check_and_fit(drive_log, map_of_lines(room_of("room", 999).lines))

@@ -64,7 +64,7 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 8801])
-@pytest.mark.long_except("8801")
+@pytest.mark.long
 def test_the_latency_is_unbiased_on_the_real_firmware(seed):
     """The gyro is read after the acceleration: not counted, that was 2.4 ms on every car."""
     found, _ = measured(f"sim://?seed={seed}&mocap=1")

@@ -27,6 +27,7 @@ def test_levels_that_differ_by_a_count_stay_separate():
 
 @pytest.mark.parametrize("speed", [0.5, 1.2])
 @pytest.mark.slow
+@pytest.mark.long_except("1.2")
 def test_the_stated_interval_holds_the_truth_at_any_speed(tmp_path, speed):
     run = tmp_path / "run.mcap"
     with Car.open("sim://?seed=11&nano=mock", cars=tmp_path, record=run) as car:

@@ -67,6 +67,7 @@ def test_what_eyes_and_hands_find_is_chosen(monkeypatch, capsys, act, typed, mea
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "inside"), [("esc", "neutral_us"), ("throttle", "drive")])
+@pytest.mark.long_except("esc-*")
 def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, inside):
     where = ("calibrate", name, "--url", "sim://?seed=5&nano=mock", "--cars", str(tmp_path))
     dry = verb(*where, "--dry-run", "--json").json

@@ -192,7 +192,7 @@ def test_a_class_is_not_overwritten(verb, lecturer):
     assert "has a class already" in verb("class", "--students", 3, "--json").error["what"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_student_who_follows_the_page_is_marked_right(verb, tmp_path):
     """Each command of the page, as it is printed; who copies the answer of another is wrong."""
     classroom = make_class(["diligent", "copying"], SECRET_OF_PAIR)

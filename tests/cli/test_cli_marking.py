@@ -188,7 +188,7 @@ def test_parameters_that_an_effect_changes_are_not_marked(tmp_path):
         set(), {"model.motor.d", "model.steering.s0"})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_fit_of_a_hidden_car_is_inside(verb):
     url = "sim://?nano=mock&physics=kinematic&tick=10&seed=7"
     verb("experiment", "motor", "--url", url, "--space", "12x3", "--yes", "--cars", "cars",

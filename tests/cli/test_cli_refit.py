@@ -14,6 +14,7 @@ REFIT_SEED = 43
 
 @pytest.mark.slow
 @pytest.mark.parametrize("with_servo", [True, False])
+@pytest.mark.long_except("True")
 def test_steering_of_a_car_with_play_is_inside_its_intervals(verb, tmp_path, monkeypatch,
                                                              with_servo):
     """The control is a fit without the servo."""

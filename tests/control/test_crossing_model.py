@@ -93,8 +93,8 @@ class PassedOnRevives(PassedOnBeginsASession):
 
 
 @pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [
-    (2, 2, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (3, 1, 0, 0),
-    pytest.param(2, 2, 1, 1, marks=pytest.mark.long),
+    (2, 2, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1),
+    *(pytest.param(*case, marks=pytest.mark.long) for case in ((3, 1, 0, 0), (2, 2, 1, 1))),
 ], ids=str)
 @pytest.mark.slow_except("2-2-0-1")
 def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):

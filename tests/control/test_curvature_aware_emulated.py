@@ -31,6 +31,7 @@ def test_a_lap_by_the_lidar():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 8])
+@pytest.mark.long_except("3")
 def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
     """They were 0.8 and 0.9 m off their path, with what was learnt of the steering at its end
     (3) and with plans that no tyres hold (8)."""

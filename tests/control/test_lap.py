@@ -153,7 +153,7 @@ def test_a_minimum_time_line_is_repeatable_in_the_lane_and_no_slower(monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "gain"), [("racetrack_vicon_2", 0.008), ("savoiardo", 0.001)])
-@pytest.mark.long_except("racetrack_vicon_2-*")
+@pytest.mark.long
 def test_a_minimum_time_line_is_faster_and_driven_as_predicted(name, gain):
     path = track_named(name)
     line = minimum_time_line(path, 0.3, PLANT, 5.0)

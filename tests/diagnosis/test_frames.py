@@ -59,6 +59,7 @@ def test_offset_that_is_free_is_one_coordinate_even_if_it_is_listed_twice():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("refit", [False, True])
+@pytest.mark.long_except("False")
 def test_error_of_a_frame_is_no_cause(refit):
     """The negative control: the same error of a frame that is stated as known is one."""
     file, p = find_model("paper")

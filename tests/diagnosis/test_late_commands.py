@@ -95,7 +95,7 @@ def test_a_sound_link_has_none(hide):
     assert simulate_minute(hide)[2] is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lost_commands_are_flagged_in_most_kinds_of_driving():
     """Six styles, a refit of the paper's model: 35 % lost in 4 of 6 or more, of six sound links
     none. (Found: 4 and none.) Whole diagnoses: ``studies/diagnosis/noise_floor_cases.py``."""

@@ -25,7 +25,7 @@ def answer(train, test):
     return diagnose(file, p, train, test, refit=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_orders_of_sums_give_the_same_certain_causes():
     train = [searched.drive(*HIDDEN, seconds=25.0, seed=seed) for seed in (11, 12, 13)]
     test = [searched.drive(*HIDDEN, seconds=25.0, seed=14)]

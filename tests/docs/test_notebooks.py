@@ -58,10 +58,8 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
     assert f"`{source.relative_to(ROOT)}`" in prose
 
 
-@pytest.mark.parametrize("source", [
-    pytest.param(source, id=source.stem, marks=(
-        pytest.mark.slow if source.stem == "own_controller" else pytest.mark.long))
-    for source in NOTEBOOKS])
+@pytest.mark.parametrize("source", NOTEBOOKS, ids=lambda source: source.stem)
+@pytest.mark.long
 def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
     notebook = notebooks.executed(source, tmp_path)
     assert re.search(OUTPUTS[source.stem], collect_output(notebook)), collect_output(notebook)

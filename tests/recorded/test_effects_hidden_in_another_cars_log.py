@@ -39,6 +39,7 @@ def test_nothing_is_accepted_in_the_log_as_it_is(hidden):
 
 
 @pytest.mark.parametrize("name", ["steering trim", "yaw offset -0.10 rad"])
+@pytest.mark.long_except("steering trim")
 def test_hidden_effect_is_named_with_its_size_and_nothing_else(hidden, name):
     outcome = hidden(name)
     assert outcome.named, outcome.found

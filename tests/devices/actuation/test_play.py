@@ -68,7 +68,7 @@ def test_a_turn_before_the_servo_has_arrived_is_known_by_its_slew():
     assert slow.wheels < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_hidden_cars_follow_closer():
     pairs = np.array([[angle_error(seed, take_up) for take_up in (False, True)]
                       for seed in range(1, 13)])

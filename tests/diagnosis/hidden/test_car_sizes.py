@@ -97,7 +97,7 @@ def test_where_nothing_is_hidden_nothing_is_named(tmp_path):
         assert d.verdict == "nothing_wrong", name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_joint_fit_is_the_same_at_all_sizes(tmp_path):
     """From the set of the paper with the sizes of the car, whose forces scale with them."""
     drive = simulate(PAPER, 5, 30.0)

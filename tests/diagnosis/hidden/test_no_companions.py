@@ -20,6 +20,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", [100, 300])
+@pytest.mark.long_except("100")
 def test_a_drag_along_the_wheels_is_one_cause(seed):
     answer = run(Case("fixed", seed, (("cornering_drag", SIZES["cornering_drag"][1]),)))
     cause, = answer["causes"]

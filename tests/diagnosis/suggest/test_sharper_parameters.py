@@ -40,7 +40,7 @@ def diagnosis_and_plan(tmp_path_factory):
     return with_drives
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_measures_what_it_was_suggested_for(diagnosis_and_plan):
     before = {c.group: c for c in diagnosis_and_plan().claims}
     assert set(before) == {"motor", "rear tyre"}

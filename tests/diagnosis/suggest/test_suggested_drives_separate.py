@@ -74,6 +74,7 @@ def test_the_suggested_drive_separates_what_was_confounded(name, driven):
     strict=True, reason="promised 6.1 standard deviations, 37 of loss, for the rollouts with a "
     "full and a half empty battery; found 10 to 13 in the mean of draws"))
     if n == "mass" else n for n in QUESTIONS])
+@pytest.mark.long_except("front_grip")
 def test_by_a_clear_margin(name, driven):
     _, drawn = driven(name)
     confounder = QUESTIONS[name][0].confounder

@@ -78,7 +78,7 @@ def test_gusts_are_not_nothing_wrong():
     assert d.to_json()["outliers"][0]["moments"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_events_are_flagged_and_sound_cars_are_not():
     """Fresh seeds, six styles: gusts in 11 of 12 drives or more, a lifted wheel in 8; of 24 sound
     cars one at most. (Found: 12, 10 and 1. On the drives that the limits were chosen by: gusts

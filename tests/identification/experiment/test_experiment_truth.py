@@ -137,7 +137,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
 
 
 @pytest.mark.emulator
-@pytest.mark.slow
+@pytest.mark.long
 def test_understeer_through_the_real_firmware(experiment, true_slope):
     done = experiment("tyres", 4, nano="avr")
     understeer = done.outcome.understeer

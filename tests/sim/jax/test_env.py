@@ -40,6 +40,7 @@ def same_start(usual, env):
 @pytest.mark.parametrize("changes", [
     {}, {"beams": 12, "opponents": 2, "range_noise": 0.0}, {"task": "speed"}],
     ids=["path", "lidar", "speed"])
+@pytest.mark.long_except("path")
 def test_an_episode_is_that_of_gymnasium(doubles, changes):
     config = GymConfig(light=NOISELESS, **changes)
     usual = DartCarEnv(config)
@@ -82,7 +83,7 @@ def test_many_drawn_cars_drive_and_begin_again():
     assert np.array_equal(reset(keys)[0], reset(keys)[0]), "that of its key"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_reward_is_differentiable_in_the_action(doubles):
     env = DartCar(light=LightConfig(sensors=Sensors()))
     _, state = jax.jit(env.reset)(jax.random.key(5))
