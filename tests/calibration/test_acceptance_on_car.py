@@ -32,6 +32,7 @@ def run(watched, name):
     return {f.key: f for f in outcome.findings}
 
 
+@pytest.mark.slow
 def test_gyro_turned_by_hand_has_its_true_scale_without_throttle(watched):
     before = len(watched.pulses)
     found = run(watched, "gyro")

@@ -60,6 +60,7 @@ def test_dry_run_writes_nothing(bench, files):
     assert not (files.folder / "calibration.toml").exists()
 
 
+@pytest.mark.slow
 def test_written_file_is_read_back_and_the_old_one_kept(bench, files, car_toml):
     files.folder.mkdir(parents=True, exist_ok=True)
     (files.folder / "car.toml").write_text(car_toml)

@@ -57,6 +57,7 @@ def measured(tmp_path_factory):
     watched.car.close()
 
 
+@pytest.mark.slow
 def test_the_pulses_of_a_hidden_car_are_found(measured):
     _, result, watched = measured
     table = result.others[DRIVE]

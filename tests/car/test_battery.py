@@ -213,6 +213,7 @@ def test_the_registers_of_the_data_sheet_are_accepted():
     assert decode_voltage(0x1F42) == pytest.approx(4.0)
 
 
+@pytest.mark.slow
 def test_a_recording_has_the_voltage_and_a_replay_gives_it(tmp_path):
     def lose(driven, state):
         driven.chip.absent = driven.world.t > 3.0

@@ -74,6 +74,7 @@ def test_garbage_is_never_given_out_and_the_pose_states_its_deviation(tmp_path):
     assert not named & {"ENCODER_LOW", "ENCODER_HIGH"}, "the encoder is not to blame"
 
 
+@pytest.mark.slow
 def test_control_without_the_checks_garbage_is_believed(tmp_path):
     rows = drive(tmp_path, garbage, believed=True)
     assert max(wrong(rows)) > 10.0

@@ -56,6 +56,7 @@ def same(one, other):
     return one == other
 
 
+@pytest.mark.slow
 def test_every_message_goes_to_ros_1_and_back(run, tmp_path):
     messages = RunReader(run).messages()
     counts = [write_ros2(RunReader(run), tmp_path / "two"),

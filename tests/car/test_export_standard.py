@@ -60,6 +60,7 @@ def links(bag):
                 for one in message.transforms}
 
 
+@pytest.mark.slow
 def test_every_odometry_has_its_transforms(bag):
     topics = [topic for topic, _, _ in bag]
     assert topics.count("/tf") == topics.count("/odom") > 200

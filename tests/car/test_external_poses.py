@@ -49,6 +49,7 @@ def flat(state):
     return state.t, e.tracking, e.age, pose, newest, best
 
 
+@pytest.mark.slow
 def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     rows = drive(f"{KINEMATIC_3_URL}&mocap=1", 1.5, path)

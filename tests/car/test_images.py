@@ -47,6 +47,7 @@ def find_red_body(image):
     return np.array((columns.mean(), rows.mean()))
 
 
+@pytest.mark.slow
 def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     states, images = drive(f"{KINEMATIC_3_URL}&camera=top&map=hall", record=path)

@@ -18,6 +18,7 @@ def drive(car, seconds):
     return states_of_drive
 
 
+@pytest.mark.slow
 def test_it_replays_what_passed_meanwhile_and_nothing_else(tmp_path):
     path = tmp_path / "run.mcap"
     with Car.open("sim://?nano=mock&seed=3&mocap=1") as car:

@@ -42,6 +42,7 @@ def list_values(scan):
             scan.angle.tobytes(), scan.distance.tobytes(), scan.mount)
 
 
+@pytest.mark.slow
 def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     states, scans, room, poses = drive(EXACT_LIDAR_URL, 3.0, path)

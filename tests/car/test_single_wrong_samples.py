@@ -76,6 +76,7 @@ def test_without_wrong_samples_nothing_changes(drives, monkeypatch):
     assert yaw_sigma(states) == pytest.approx(yaw_sigma(plain), rel=0.01)
 
 
+@pytest.mark.slow
 def test_one_wrong_bit_in_a_hundred_samples_leaves_the_yaw_alone(drives, monkeypatch):
     """Control: without the filter the yaw is far off, and the stated error does not cover it."""
     drive = drives("straight")

@@ -25,6 +25,7 @@ def only(*names):
     return [word for name in STEP_NAMES if name not in names for word in ("--skip", name)]
 
 
+@pytest.mark.slow
 def test_a_short_check_is_reported_with_predictions(verb, tmp_path):
     done = verb("accept", "--yes", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED,
                 *only("supply", "cutoff", "rotation"))
@@ -64,6 +65,7 @@ def test_all_steps_run_on_an_emulated_car(verb):
     assert values["frame_rate"]["agrees"] is True
 
 
+@pytest.mark.slow
 def test_a_broken_part_fails_its_step_and_not_the_others(verb):
     done = verb("accept", "--yes", "--json", "--url", f"{ACCEPTED_CAR}&fail=enc:off@0",
                 "--emulator", EMULATED, *only("cutoff", "rotation"))

@@ -80,6 +80,7 @@ def test_what_a_student_gets_does_not_hold_the_truth(lecturer):
         assert f"sim-{car.seed}" not in text
 
 
+@pytest.mark.slow
 def test_a_seed_is_not_found_by_trying(lecturer):
     """It has 128 bits, and no car of a small seed is the sealed one."""
     cars = [reveal_url(Url.parse(task.url), read_class(lecturer).secret)

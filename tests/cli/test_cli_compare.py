@@ -42,6 +42,7 @@ def runs(tmp_path_factory):
     return Runs()
 
 
+@pytest.mark.slow
 def test_a_run_that_was_driven_again_does_not_part(verb, runs):
     result = verb("compare", runs["base"], runs["again"], "--json").json
     assert set(result) == {"runs", "statistics", "differs", "same_commands_s", "parted", "page"}

@@ -236,6 +236,7 @@ def test_wire(verb):
     assert checked.code == 0
 
 
+@pytest.mark.slow
 def test_as_a_program(tmp_path):
     """The entry point in a process of its own: stdout is JSON, notices are elsewhere."""
     done = subprocess.run(

@@ -18,6 +18,7 @@ def log(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_log_is_imported_and_checked(verb, log):
     ran = verb("data", "import", log / "log.csv", "--map", log / "map.toml",
                "--out", log / "run.mcap")

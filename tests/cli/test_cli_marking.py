@@ -50,6 +50,7 @@ def falsify(cars, target, change):
     return target
 
 
+@pytest.mark.slow
 def test_a_calibrated_car_is_inside(calibrated):
     found = marks(SEED_7, calibrated)
     assert set(found) == {"encoder.metres_per_edge", "encoder.ring"}

@@ -46,6 +46,7 @@ def write_calibration(home, value, std=10.0):
         {"pwm.oscillator_hz": Quantity(value, std)}), home / "cars" / "sim-3")
 
 
+@pytest.mark.slow
 def test_runs_are_listed_newest_first_and_what_was_never_measured_is_named(home, verb):
     result = verb("report", "--car", "sim-3", "--json").json
     assert [r["path"] for r in result["runs"]] == ["drives.mcap", "stands.mcap"]

@@ -41,6 +41,7 @@ def test_evaluate_begins_with_its_verdict(verb):
     assert first.startswith("First: dart-hal diagnose")
 
 
+@pytest.mark.slow
 def test_evaluate_counts_notices_and_lists_them_with_full(verb):
     assert re.search(r"^\d+ notices? \(--full\)$", verb("evaluate", FREE_DRIVE, STEP_INPUTS).err,
                      re.MULTILINE)

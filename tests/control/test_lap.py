@@ -135,6 +135,7 @@ def test_a_raceline_stays_in_the_lane_and_is_quicker():
     assert speed_profile(line, PLANT, 5.0).time < 0.9 * speed_profile(path, PLANT, 5.0).time
 
 
+@pytest.mark.slow
 def test_a_minimum_time_line_is_repeatable_in_the_lane_and_no_slower(monkeypatch):
     monkeypatch.setattr(lines, "TRIES", 40)
     monkeypatch.setattr(lines, "START_WEIGHTS", ())

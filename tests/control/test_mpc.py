@@ -35,6 +35,7 @@ TRACK = track_named("racetrack_vicon_2")
 CORNERING = (0.3, -0.2, 0.4, 1.6, 0.05, 1.2, 0.28, 0.35)
 
 
+@pytest.mark.slow
 def test_a_lap_at_two_metres_a_second():
     """Half of the limit is left for noise; 0.54 / 1.3 cm when written."""
     rms, most, _ = lap(2.0)

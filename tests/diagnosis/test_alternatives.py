@@ -48,6 +48,7 @@ def fitted_search():
     return search, of_drive, FinalFit(point.vehicle, point.timing, point, sampling, stds)
 
 
+@pytest.mark.slow
 def test_error_holds_the_number_of_the_other_model(fitted_search):
     search, of_drive, final = fitted_search
     wide = include_alternatives(final, (Exchange("yaw_damping"),), search, of_drive, USUAL.scan)

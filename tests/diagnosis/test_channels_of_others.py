@@ -68,6 +68,7 @@ def test_unknown_channels_are_ignored(filmed_drive, tmp_path):
     assert list_inputs(more) == list_inputs(plain) == list_inputs(read_run(filmed_drive))
 
 
+@pytest.mark.slow
 def test_requested_channels_are_not_ignored(filmed_drive, tmp_path):
     """Control: the same way of writing without poses, and without what the car sent."""
     without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHER_CHANNELS,

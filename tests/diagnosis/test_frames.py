@@ -29,6 +29,7 @@ def add_frame(recording, offset=0.0, std=FRAME_STD):
                                                "fitted to these recordings", std))
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_a_frame_that_all_recordings_share():
     a = drive(seed=3)
     b = drive(seed=4)

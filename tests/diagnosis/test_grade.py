@@ -164,6 +164,7 @@ def test_effect_does_not_come_back_against_a_veto(letters):
         assert found.names == names
 
 
+@pytest.mark.slow
 def test_test_recordings_only_veto():
     """In one the effect is not there at all, so errors are larger with it."""
     train, same, without = (drive(*hidden, seconds=30.0, seed=s) for s, hidden in (

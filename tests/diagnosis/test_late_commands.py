@@ -75,6 +75,7 @@ def simulate_minute(hide=lambda car: None):
     return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,))
 
 
+@pytest.mark.slow
 def test_lost_commands_are_found_with_their_moments():
     side, fit, found = simulate_minute(lambda car: lose_commands(car, 0.35, seed=1))
     assert found.log_likelihood > 2.0 * MIN_GAIN

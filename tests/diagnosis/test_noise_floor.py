@@ -117,6 +117,7 @@ def simulate_drive(hide=lambda car: None):
     return found, side.horizons(logged)
 
 
+@pytest.mark.slow
 def test_the_true_model_is_at_the_floor_and_gusts_lift_it_above():
     found, horizons = simulate_drive()
     rmse = horizons["1.0"]["pooled"]

@@ -53,6 +53,7 @@ def errors_at_1_s(horizons):
     return np.array([pooled[c] for c in ("vx", "yaw_rate", "position", "yaw_deg")])
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_in_the_predictor_and_predicts_a_test_drive():
     d = diagnose_hidden(hidden=True)
     b = d.predictor

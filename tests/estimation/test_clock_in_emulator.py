@@ -52,6 +52,7 @@ def test_latch_delay_is_the_firmwares(run):
     assert run[2] == pytest.approx(LATCH_DELAY, abs=30e-6)
 
 
+@pytest.mark.slow
 def test_state_time_is_the_time_of_its_latch(run):
     states, latched, _ = run
     late = [s for s in states if s.t > states[0].t + 3.0]

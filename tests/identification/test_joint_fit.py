@@ -48,6 +48,7 @@ def joint():
     return fit_jointly(ShootingProblem.from_grids([driven(1, 30.0), driven(2, 30.0)]), PAPER)
 
 
+@pytest.mark.slow
 def test_every_parameter_lies_within_its_interval(joint):
     scores = {}
     for i, name in enumerate(joint.names):

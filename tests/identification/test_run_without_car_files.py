@@ -60,6 +60,7 @@ def test_run_without_car_files_states_whose_are_used(runs):
     assert any(f.kind == "car_files" and f.serious for f in check(found).findings)
 
 
+@pytest.mark.slow
 def test_replay_of_a_run_without_car_files_gives_a_notice(runs):
     with Car.open(f"replay://{runs[1]}", cars=CARS) as car:
         assert any("holds no files of its car" in notice for notice in car.notices)

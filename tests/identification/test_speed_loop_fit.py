@@ -71,6 +71,7 @@ def found(recordings):
     return identify_jointly(list(recordings), [], SECTIONS, model_of(PAPER), "test", FRAME)[0]
 
 
+@pytest.mark.slow
 def test_joint_fit_of_a_duty_base_finds_the_loop_and_the_rest(found):
     assert found.sound
     scores = {}
@@ -103,6 +104,7 @@ def test_start_values_are_within_a_factor_of_three(recordings):
     assert 1.0 / 3.0 < loop.max_force / 5.0 < 3.0
 
 
+@pytest.mark.slow
 def test_largest_force_that_is_never_reached_is_not_identified():
     """The negative control: small steps tell the gain alone."""
     gentle = [driven(seed, p=with_values(TRUE, {"motor.max_force": 50.0}), highest=1.2)

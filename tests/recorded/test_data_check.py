@@ -165,6 +165,7 @@ def test_mixed_schemas_and_what_was_skipped(cli, write, table_a, table_b, tmp_pa
     assert "not a DART recording" in out["skipped"][0]["reason"]
 
 
+@pytest.mark.slow
 def test_json_has_one_shape_for_every_schema(cli, excerpt):
     parts = ("15_28_11", "racetrack", "2025-04-24", "12_06_55")
     code, out, _ = cli(*(next(excerpt.rglob(f"*{p}*")) for p in parts))

@@ -65,6 +65,7 @@ def name_car(recording):
     return replace(recording, car=SimpleNamespace(name="red", geometry=PAPER.body))
 
 
+@pytest.mark.slow
 def test_cars_that_steer_differently_are_refused_by_groups(drive):
     ours = [drive(1), drive(2, **OTHER_DAY)]
     theirs = [drive(3, steering_gain=-0.45), drive(4, steering_gain=-0.45)]
@@ -117,6 +118,7 @@ def test_standing_or_short_recordings_cannot_be_compared(drive):
     assert find_car_difference([]) is None
 
 
+@pytest.mark.slow
 def test_published_excerpts_are_of_one_car_and_another_laboratory_s_is_not():
     excerpts, _ = read_any([EXCERPT])
     assert find_car_difference(excerpts) is None
@@ -127,6 +129,7 @@ def test_published_excerpts_are_of_one_car_and_another_laboratory_s_is_not():
         check_inputs([*excerpts, *theirs], [], PAPER)
 
 
+@pytest.mark.slow
 def test_verbs_state_two_cars():
     answer = CliRunner().invoke(check_command, [str(EXCERPT), str(LOG)])
     assert answer.exit_code == 0

@@ -36,6 +36,7 @@ def recorded_run(tmp_path_factory):
     return path, drive_and_record(path)
 
 
+@pytest.mark.slow
 def test_replayed_states_are_identical(recorded_run):
     path, states = recorded_run
     with Car.open(f"replay://{path}") as car:

@@ -91,6 +91,7 @@ def paired(both):
     return [(firmware[slot], mock[slot]) for slot in common]
 
 
+@pytest.mark.slow
 def test_slots_are_latched_within_the_longest_interrupt(both):
     late = [r["t_ck"] - s["t_ck"] for r, s in paired(both)]
     assert min(late) >= -22

@@ -63,6 +63,7 @@ def test_read_slices_do_not_matter_while_things_fail(raw_car):
     assert other == first
 
 
+@pytest.mark.slow
 def test_twice_the_same_and_another_seed_not(raw_car):
     assert scenario(raw_car, URL, 0.01) == scenario(raw_car, URL, 0.01)
     assert scenario(raw_car, URL, 0.01)[0] != scenario(raw_car, "sim://?nano=mock&seed=8", 0.01)[0]

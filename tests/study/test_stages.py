@@ -79,6 +79,7 @@ def test_a_damaged_result_names_its_stage(study):
     assert "--stage check" in error.value.remedy
 
 
+@pytest.mark.slow
 def test_the_next_drive_needs_the_diagnosis_of_this_folder(study):
     run_stage(study, "fit")
     with pytest.raises(UsageError, match="no diagnosis yet"):
@@ -94,6 +95,7 @@ def test_the_next_drive_needs_the_diagnosis_of_this_folder(study):
     assert any("coast" in line for line in result.lines)
 
 
+@pytest.mark.slow
 def test_recordings_of_a_speed_loop_start_from_a_model_of_duty(tmp_path):
     study = Study(tmp_path, (driven(1, 20.0), driven(2, 20.0)), find_model("paper")[0])
     determined = {p["name"] for p in run_stage(study, "identifiability").facts["parameters"]}

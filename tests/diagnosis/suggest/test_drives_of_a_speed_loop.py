@@ -25,6 +25,7 @@ def drives():
     return list(rehearse_choices(FLOOR, model_of(TRUE), choices))
 
 
+@pytest.mark.slow
 def test_the_commands_are_speeds_on_the_floor(drives):
     assert [d.choice.name for d in drives] == list(OFFERED_DRIVES)
     for drive in drives:
@@ -40,6 +41,7 @@ def test_the_commands_are_speeds_on_the_floor(drives):
             assert np.ptp(run.mocap.y) < FLOOR.width
 
 
+@pytest.mark.slow
 def test_a_wrong_gain_gets_a_drive_that_measures_it_better(monkeypatch, drives):
     model = with_values(TRUE, {"motor.gain": 3.0})
     sets = check_inputs([driven(1, 30.0)], [driven(2, 30.0)], model)

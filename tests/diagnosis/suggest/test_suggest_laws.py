@@ -77,6 +77,7 @@ def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(questi
     assert other.separation > 3.0
 
 
+@pytest.mark.slow
 def test_without_rivals_there_is_nothing_to_suggest(question):
     d, _ = question
     alone = replace(d.causes[0], cannot_be_told_from=())

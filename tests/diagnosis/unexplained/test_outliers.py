@@ -41,6 +41,7 @@ def find_long_tails(recording):
     return {o.channel: o for o in find_outliers(evidence, fit.vehicle, fit.timing, USUAL.noise)}
 
 
+@pytest.mark.slow
 def test_gusts_are_found_with_their_moments():
     car = Car()
     begins = add_gusts(car, 1.2, seed=1)

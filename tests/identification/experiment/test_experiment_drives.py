@@ -61,6 +61,7 @@ def test_sound_car_drives_to_the_end(files, plan):
     assert car.stops == 1
 
 
+@pytest.mark.slow
 def test_car_that_never_moves_is_reported_with_its_cause(files, plan):
     car = Troubled(files, esc=False)
     with pytest.raises(ExperimentFailed, match="does not move") as error:

@@ -48,6 +48,7 @@ def stamped(driven, topic):
             for name, m in driven.ros.published if name == topic}
 
 
+@pytest.mark.slow
 def test_topics_of_a_car_with_lidar_and_map(driven):
     kinds = {"scan_1": "sensor_msgs/LaserScan", "/tf_static": "tf2_msgs/TFMessage",
              "/map": "nav_msgs/OccupancyGrid", "/clock": "rosgraph_msgs/Clock"}

@@ -33,6 +33,7 @@ def driven():
         yield car
 
 
+@pytest.mark.slow
 def test_the_topics_are_those_of_upstream(driven):
     assert driven.ros.heard.keys() == {"safety_value", "throttle_3", "steering_3"}
     assert driven.ros.advertised.keys() == {

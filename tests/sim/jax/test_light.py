@@ -104,6 +104,7 @@ def test_single_precision_is_within_1e_5(doubles):
     assert np.abs(found[:, :8] - expected[:, :8]).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_a_rollout_is_that_of_numpy_for_one_car_and_for_many(doubles):
     rng = np.random.default_rng(1)
     start = np.zeros((8, 3))
