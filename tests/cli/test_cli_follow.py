@@ -58,6 +58,18 @@ def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
         row.name for row in RunReader(run).logged()}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("guard", "ended", "walls_passed"), [
+    (("--guard-distance", 0.4), "an obstacle has been before the car for 3 s", False),
+    ((), "the time of 7 s is over", True)], ids=["guarded", "control"])
+def test_with_a_guard_distance_it_stops_before_a_wall(verb, tmp_path, guard, ended, walls_passed):
+    path = csv(tmp_path, [(x, 0.0) for x in range(20)])
+    done = verb("follow", path, "--speed", 1, "--here", "--duration", 7, "--json", *guard, "--url",
+                f"{URL}&lidar=1&map=room&physics=kinematic")
+    assert done.json["summary"]["ended"] == ended
+    assert (done.json["summary"]["distance_m"] > 3.5) == walls_passed
+
+
 def test_out_of_time_it_stops_and_reports_it(verb, bend):
     done = verb("follow", bend, "--speed", 0.5, "--odometry", "--duration", 1,
                 "--url", "sim://?seed=3&nano=mock")

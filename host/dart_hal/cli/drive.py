@@ -18,6 +18,7 @@ from dart_hal.cli.common.options import (
     FiniteNumber,
     car_options,
     foxglove_options,
+    guard_option,
     json_option,
     poses_option,
     waive_option,
@@ -61,12 +62,14 @@ KEYBOARD_HELP = "arrows or WASD steer and drive, space stops, q ends; release th
 @click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the run to this MCAP file")
 @poses_option
+@guard_option
 @foxglove_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, script: Path | None,
             keyboard: bool, gamepad: bool, ask: bool, duration: float | None, max_throttle: float,
-            waive: tuple[str, ...], record: Path | None, poses: str | None, foxglove: bool,
-            port: int, view: bool, as_json: bool) -> None:
+            waive: tuple[str, ...], record: Path | None, poses: str | None,
+            guard_distance: float | None, foxglove: bool, port: int, view: bool, as_json: bool
+            ) -> None:
     """Drive the car. SCRIPT defines control(state) -> (steering rad, throttle); None ends."""
     if keyboard + gamepad + (script is not None) != 1:
         raise UsageError("exactly one way to drive is required",
@@ -78,7 +81,8 @@ def command(url: str | None, car_name: str, cars: Path | None, script: Path | No
     control = load_control(script) if script else None
     manual = open_gamepad() if gamepad else Keyboard() if keyboard else None
     with (closing(manual) if manual else nullcontext(),
-          open_car(real_time_url(url) if view else url, car_name, cars, record, poses) as car,
+          open_car(real_time_url(url) if view else url, car_name, cars, record, poses,
+                   guard_distance=guard_distance) as car,
           car.view() if view else nullcontext() as page):
         if page is not None:
             console.print(page.urls[-1], markup=False, highlight=False, soft_wrap=True)

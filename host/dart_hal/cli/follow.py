@@ -22,6 +22,7 @@ from dart_hal.cli.common.options import (
     FiniteNumber,
     car_options,
     drive_options,
+    guard_option,
     json_option,
     lidar_option,
     plot_option,
@@ -47,7 +48,7 @@ from dart_hal.control.raceline import minimum_time_line, raceline
 from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import MotionEstimate, State
+from dart_hal.core.types import Limit, MotionEstimate, State
 from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_hal.estimation.other_cars.rectangle import CarSize
@@ -105,6 +106,7 @@ COMMAND_SOURCE = "follow"
 @waive_option
 @poses_option
 @lidar_option
+@guard_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, path: str, speed: float | None,
             profile: bool, tracker: str | None, weights: str | None, discs: tuple[Disc, ...],
@@ -112,7 +114,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
             half_width: float | None, shortest: bool, reverse: bool, here: bool, odometry: bool,
             lane: float, careful: bool | None, duration: float | None, record: Path | None,
             plot: Path | None, waive: tuple[str, ...], poses: str | None, lidar: str | None,
-            as_json: bool) -> int:
+            guard_distance: float | None, as_json: bool) -> int:
     """Follow PATH, a CSV file with the columns x,y or x,y,speed [m, m/s], or a track by its name.
 
     Place the car within 1 m of the path, along it; the path is in the frame of the poses. The car
@@ -129,7 +131,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     make = choose_tracker(tracker or ("mpcc" if profile else "lqr"), discs, compiled, lane, weights)
     track = track_named(path).reversed() if reverse else track_named(path)
     rules = Rules(laps, duration or inf, lane, odometry, here or odometry)
-    with open_car(url, car_name, cars, record, poses, lidar) as car:
+    with open_car(url, car_name, cars, record, poses, lidar, guard_distance=guard_distance) as car:
         rules = replace(rules, careful=not car.files.model if careful is None else careful)
         follower = make_follower(car, track, speed or inf, make, rules, half_width,
                                  minimum_time_line if shortest else raceline)
@@ -253,6 +255,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
             motion = estimate_motion(car, state, follower.rules)
             if others:
                 others.update(motion)
+            follower.obstructed = Limit.OBSTACLE in state.applied.limited
             steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 return

@@ -105,6 +105,8 @@ class Follower(Ending):
         lane."""
         self.missing_reason: Callable[[], str] = lambda: ""
         """Why there is no pose yet, with the remedy; empty if that is not known."""
+        self.obstructed = False
+        """Whether throttle is withheld before an obstacle; set before ``answer``."""
         self.path = path
         self.profile = speed_profile(path, plant, most)
         self.tracker = self._make(path, plant)
@@ -219,7 +221,9 @@ class Follower(Ending):
         elif self._stuck_detector.is_stuck(
             t, motion.speed if min(self.cap, self.free) > 0.0 else inf
         ):
-            self._end(f"the car does not move, though commanded to for {STUCK_TIME:g} s")
+            self._end(f"an obstacle has been before the car for {STUCK_TIME:g} s"
+                      if self.obstructed else
+                      f"the car does not move, though commanded to for {STUCK_TIME:g} s")
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
         elif self.remaining <= 0.0:

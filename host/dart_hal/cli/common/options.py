@@ -65,6 +65,13 @@ def lidar_option(command: CommandT) -> CommandT:
                         )(command)
 
 
+def guard_option(command: CommandT) -> CommandT:
+    """Add ``--guard-distance``: the lidar withholds forward throttle before obstacles."""
+    return click.option("--guard-distance", type=float, default=None, metavar="M",
+                        help="m before an obstacle on the car's arc at which its lidar withholds "
+                        "forward throttle; without a fresh scan as well")(command)
+
+
 def camera_option(command: CommandT) -> CommandT:
     """Add ``--camera``: a camera on the car or above it; a recording includes its images."""
     return click.option("--camera", default=None, metavar="URL",

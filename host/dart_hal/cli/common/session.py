@@ -24,16 +24,17 @@ from dart_hal.estimation.localisation.source import open_source
 @contextmanager
 def open_car(url: str | None, car_name: str, cars: Path | None,
              record: Path | None = None, poses: str | None = None, lidar: str | None = None,
-             camera: str | None = None) -> Iterator[Car]:
+             camera: str | None = None, guard_distance: float | None = None) -> Iterator[Car]:
     """Open a car and show its notices; close it at neutral afterwards.
 
     poses "lidar" or "lidar?start=X,Y,YAW": locate a simulated car by its lidar, in the map of its
-    room.
+    room. guard_distance [m]: as in ``Car.open``.
     """
-    with (_open_located_by_lidar(url, car_name, cars, record, poses, lidar, camera)
+    with (_open_located_by_lidar(url, car_name, cars, record, poses, lidar, camera,
+                                 guard_distance)
           if poses is not None and poses.partition("?")[0] == "lidar" else
           Car.open(url, car=car_name, cars=cars, record=record, poses=poses, lidar=lidar,
-                   camera=camera)) as car:
+                   camera=camera, guard_distance=guard_distance)) as car:
         show_notices(car.notices)
         yield car
         show_sensor_errors(car)
@@ -69,7 +70,8 @@ def show_sensor_errors(car: Car) -> None:
 
 
 def _open_located_by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
-                           poses: str, lidar: str | None, camera: str | None) -> Car:
+                           poses: str, lidar: str | None, camera: str | None,
+                           guard_distance: float | None) -> Car:
     # The simulated room is needed before the car: the source of poses is in its map.
     backend = open_url(url)
     try:
@@ -78,7 +80,7 @@ def _open_located_by_lidar(url: str | None, car_name: str, cars: Path | None, re
         backend.close()
         raise
     return Car.over(backend, car=car_name, cars=cars, record=record, poses=source, lidar=lidar,
-                    camera=camera)
+                    camera=camera, guard_distance=guard_distance)
 
 
 def load_map(backend: Backend, chart: Path | None = None) -> Map:
