@@ -11,7 +11,7 @@ import yaml
 
 HERE = Path(__file__).resolve().parent
 DIAGRAMS = ("minimal", "second_ring", "capture", "cutoff_mux", "cutoff_oe", "lidar_feed",
-            "smallest", "pi5", "orin", "desk")
+            "receiver", "divider", "smallest", "pi5", "orin", "desk")
 WORDS = {"BK": "black", "BN": "brown", "BU": "blue", "GN": "green", "OG": "orange", "RD": "red",
          "VT": "violet", "WH": "white", "YE": "yellow", "": "as it comes"}
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 from pathlib import Path
 from typing import Any
 
 from circuit import components, devices, joined
 from harness import DIAGRAMS, HERE, WiringError, load, read, wires
 
-KINDS = ("ground", "battery", "source", "load", "output", "open", "input", "bus", "plain")
+KINDS = ("ground", "battery", "source", "load", "output", "open", "input", "analog", "bus",
+         "plain")
 OHM = {"Ohm": 1.0, "kOhm": 1e3}
-ALONE = ("second_ring", "capture", "lidar_feed")
-"""Diagrams that go with any other."""
+ALONE = (("second_ring",), ("capture",), ("lidar_feed",), ("receiver", "divider"))
+"""Diagrams that go with any other; those of one entry are tried together."""
 CUTOFFS = ("", "cutoff_mux", "cutoff_oe")
 ROUTES = ("", "smallest", "pi5", "orin", "desk")
 Span = tuple[float, float]
@@ -110,8 +111,8 @@ class Harness:
 
     def cars(self) -> Iterator[Car]:
         """Every car that can be built from the diagrams, one after the other."""
-        for *some, cutoff, route in product(*[("", name) for name in ALONE], CUTOFFS, ROUTES):
-            chosen = tuple(word for word in (*some, cutoff, route) if word)
+        for *some, cutoff, route in product(*[((), names) for names in ALONE], CUTOFFS, ROUTES):
+            chosen = tuple(word for word in (*chain(*some), cutoff, route) if word)
             if not any(other in chosen for word in chosen
                        for other in self.meta[word].get("excludes", ())):
                 for variant in self.facts["variants"]:

@@ -70,7 +70,7 @@ def body(sheet: Sheet, title: str, rows: tuple[list[str], list[str]],
 def nano(folder: Path = HERE) -> str:
     """From both sides: the wires are plugged from below."""
     found = ends(folder)
-    extra = found.pop("GND ICSP 6", None)
+    extra, supply = (found.pop(f"{pin} ICSP {n}", None) for pin, n in (("GND", 6), ("5V", 2)))
     rows = tuple([_ground(n, beside) for n in row]
                  for row, beside in zip(NANO, ("GND by VIN", "GND by D2"), strict=True))
     named = {_ground(k, k): v for k, v in found.items()}
@@ -80,6 +80,9 @@ def nano(folder: Path = HERE) -> str:
     if extra:
         sheet.paragraph(f"The third GND is the corner pin 6 of the block of six at the end without "
                         f"USB, across from the corner marked 1: {', '.join(extra[1])}.")
+    if supply:
+        sheet.paragraph("Pin 2 of that block, next to the one marked 1 on its short side, is 5 V: "
+                        f"{', '.join(supply[1])}.")
     sheet.paragraph("* only with that option.")
     return sheet.svg("Pins of the Nano")
 

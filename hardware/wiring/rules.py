@@ -16,6 +16,8 @@ LOW = 0.8
 """V: most that an HCT input and a 2N7002 take for a low [data sheets]."""
 DIODE = 0.7
 """V across a clamp [data sheets]."""
+MAX_SOURCE = 10e3
+"""Ohm: of a higher source an ATmega328P converts too little [data sheet]."""
 ABOVE = 0.5
 """V above its supply at which the clamp of an input begins to conduct [data sheets]."""
 
@@ -26,8 +28,8 @@ Rule = Callable[[State], Found]
 def unknown(s: State) -> Found:
     """A pin without facts is no pin that can be judged."""
     for name, net in s.circuit.net.items():
-        if name not in s.circuit.pins and " lead " not in name and device(name) not in (
-                "R_HALL", "R_CLOCK"):
+        if name not in s.circuit.pins and " lead " not in name and not device(
+                name).startswith("R_"):
             yield name, "no line in electrical.yml", f"one; it is joined to {net}"
 
 
@@ -115,10 +117,12 @@ def drivers(s: State) -> Found:
 def reached(s: State, start: str) -> Iterator[tuple[str, float, float]]:
     """Net, series Ohm and share of the voltage, from a driven net on through its resistors."""
     yield start, 0.0, 1.0
-    grounds = set().union(*s.circuit.earth.values())
     for a, b, ohm in s.circuit.resistors:
         for near, far in ((a, b), (b, a)):
-            if near == start and far not in grounds and far not in s.live:
+            if near != start or far in s.live:
+                continue
+            grounds = set().union(*s.circuit.earth.values())
+            if far not in grounds:
                 down = min((r for x, y, r in s.circuit.resistors
                             if far in (x, y) and ({x, y} - {far}) & grounds), default=1e12)
                 yield far, ohm, down / (ohm + down)
@@ -188,6 +192,38 @@ def floating(s: State) -> Found:
                   f"{pin.takes[0]:g} V"
 
 
+def ends_of(s: State, net: str) -> Iterator[tuple[str, float]]:
+    """Ground and live nets behind the resistors of a net, with their Ohm; itself, if live."""
+    fixed = set().union(*s.circuit.earth.values()) | set(s.live)
+    if net in fixed:
+        yield net, 1e-3
+    for a, b, ohm in s.circuit.resistors:
+        for near, far in ((a, b), (b, a)):
+            if near == net and far in fixed:
+                yield far, ohm
+
+
+def analog(s: State) -> Found:
+    """An analog input above what it measures, or too far behind; its clamp without supply."""
+    for name, pin, net in s.circuit.of("analog"):
+        ends = [(s.live[far][1] if far in s.live else 0.0, ohm) for far, ohm in ends_of(s, net)]
+        if not s.powered(pin):
+            amps = sum(max(v - DIODE, 0.0) / ohm for v, ohm in ends)
+            if amps > pin.amps:
+                yield (f"{name}, whose chip is off", f"{1e3 * amps:.3g} mA",
+                       f"{1e3 * pin.amps:g} mA at most")
+            continue
+        siemens = sum(1.0 / ohm for _, ohm in ends) or 1e-12
+        source = 1.0 / siemens
+        volts = sum(v / ohm for v, ohm in ends) / siemens
+        most = min(pin.takes[1], s.live[s.circuit.net[pin.fed]][0])
+        if volts > most:
+            yield name, f"{volts:.3g} V", f"at most {most:g} V"
+        if source > MAX_SOURCE:
+            yield (f"{name}, source", f"{source / 1e3:.3g} kOhm",
+                   f"at most {MAX_SOURCE / 1e3:g} kOhm")
+
+
 def common_ground(s: State) -> Found:
     """A signal between devices that share no ground; a cut-off's own, with USB out as well."""
     for out, _, net in s.circuit.of("output", "open", "bus"):
@@ -202,11 +238,16 @@ def common_ground(s: State) -> Found:
                     yield (f"{out} to {name}", "no ground in common"
                            + (", Nano's USB cable out" if s.pulled else ""),
                            "a ground wire beside the signal")
+    for name, _, net in () if s.pulled else s.circuit.of("analog"):
+        for root in {r for far, _ in ends_of(s, net) for r in s.roots.get(far, ())}:
+            if not s.circuit.ground(root) & s.circuit.ground(name):
+                yield f"{root} to {name}", "no ground in common", "a ground wire beside the signal"
 
 
 RULES: dict[str, Rule] = {
     "UNKNOWN_PIN": unknown, "SHORT": short, "TWO_REGULATORS": sources, "VOLTAGE": voltage,
     "CURRENT": current, "WIRE": wire, "NO_FUSE": fuse, "TWO_DRIVERS": drivers, "LEVEL": level,
     "CLAMP": clamp, "FLOATING": floating, "NO_GROUND": common_ground,
+    "ANALOG": analog,
 }
 """Name of a fault -> who finds it in one state of the supplies."""

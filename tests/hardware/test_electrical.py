@@ -84,6 +84,9 @@ WITHOUT = {
     "the board feeds V+ and so does the ESC": "red wire of the ESC lifted",
     "1 kOhm at S left out": "smallest",  # one switch for Nano and chip: never one without the other
     "a BEC of 6 V at the multiplexer": "BEC gives 6 V",  # this car has bec_5v
+    "the receiver on the BEC: it drives a Nano without supply": "^(?!.*cutoff).*smallest",
+    "the divider's thin wire on the battery, 20 kOhm at its other end": "smallest",  # no fuse
+    "battery and Nano without a ground in common": "cutoff_mux|smallest",  # joined by another wire
     "the fuse left out": "smallest",  # it has no LiPo
     "a fuse of 40 A": "smallest",
     "the 5 V wires lifted out of the plug that feeds the Jetson Nano": "pi5|orin|desk",

@@ -31,6 +31,10 @@ ENDS = {
     "kRingB": ("second_ring", ("HALL", "OUT")),
     "kCapture": ("capture", ("R_CLOCK", "b")),
     "kGate": ("cutoff_oe", ("L3", "gate by 1k")),
+    "kReceiver 0": ("receiver", ("RX", "CH1")),
+    "kReceiver 1": ("receiver", ("RX", "CH2")),
+    "kReceiver 2": ("receiver", ("RX", "CH3")),
+    "kDivider": ("divider", ("R_LOW", "a")),
     "kMuxSelect": ("cutoff_mux", ("MUX", "1 (S by 1k)")),
     "kOwnPulse": ("cutoff_mux", ("MUX", "2 (1I0 by 1k)")),
 }
@@ -43,11 +47,15 @@ PORTS = {"D": 0, "B": 8}
 
 
 def firmware_pins(text: str | None = None) -> dict[str, str]:
-    """Constant -> Nano pin, from the bit that is set and not from the comment."""
+    """Constant -> Nano pin, from the bits that are set and not from the comment; of several bits
+    "constant N"."""
     found = {}
-    for name, port, bit in re.findall(r"(k\w+) = _BV\(P([BCD])(\d)\)",
-                                      text or PINS_H.read_text(encoding="utf-8")):
-        found[name] = f"A{bit}" if port == "C" else f"D{PORTS[port] + int(bit)}"
+    for name, value in re.findall(r"(k\w+) = (_BV[^;]+);",
+                                  text or PINS_H.read_text(encoding="utf-8")):
+        bits = re.findall(r"_BV\(P([BCD])(\d)\)", value)
+        for n, (port, bit) in enumerate(bits):
+            pin = f"A{bit}" if port == "C" else f"D{PORTS[port] + int(bit)}"
+            found[f"{name} {n}" if len(bits) > 1 else name] = pin
     return found
 
 
@@ -128,7 +136,8 @@ def test_a_missing_ground_is_detected(copy):
 
 @pytest.mark.parametrize("cutoff", ["cutoff_oe", "cutoff_mux"])
 def test_each_pin_of_the_nano_carries_one_wire(cutoff):
-    assert twice(WIRING, "minimal", "second_ring", "capture", "lidar_feed", cutoff) == []
+    assert twice(WIRING, "minimal", "second_ring", "capture", "lidar_feed", "receiver",
+                 "divider", cutoff) == []
 
 
 def test_a_pin_used_twice_is_detected(copy):
@@ -262,7 +271,7 @@ def test_the_sentences_of_the_guide_name_the_same_pins():
 def test_the_table_of_the_hardware_page_names_the_same_pins():
     text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
     table = text.split("## Wiring of the Nano")[1].split("##")[0]
-    pins = re.findall(r"\b[DA]\d\b", " ".join(re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)))
+    pins = re.findall(r"\b[DA]\d+\b", " ".join(re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)))
     firmware = {p for name, p in firmware_pins().items() if name != "kLed"}
     assert sorted(pins) == sorted(firmware)
 
