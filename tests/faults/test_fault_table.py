@@ -31,7 +31,7 @@ QUICK_CASES = ("1-wire-* lost", "2-wire-not counted", "4-mock*", "7-wire*", "10-
                "18-mock-dead, throttle*", "19-wire*", "22-mock*", "24-mock*", "25-mock-oe",
                "26-mock*",
                "36-mock*", "40-mock*", "41-mock*", "45-mock-mux*", "51-mock*", "55-mock-27 MHz",
-               "56-mock-after close()", "58-mock*", "59-mock*")
+               "56-mock-after close()", "58-mock*", "59-mock*", "61-mock*")
 """With their controls: one each of line, board, bus, guard, owner, cut-off, power and human
 input. The controls of the others are for ``make test-more``."""
 UNCONTROLLED_CASES = (

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from fault_table.drive import WAIVED, Drive, forward
 from fault_table.row import NEVER
+from fault_table.rows_inputs import STICK_FORWARD_US
 
 from dart_hal.car import rc
 from dart_hal.core.errors import NotArmed
@@ -25,7 +26,6 @@ from dart_lab.sim.rc import RECEIVER_PERIOD, STICK_REST_US, PinInput, SimReceive
 
 MAX_LOSS_MS = 100.0
 STICK_FULL_US = 2000.0
-STICK_FORWARD_US = 1800.0
 STICK_BACK_US = 1200.0
 PROGRAM_DRIVES = forward(0.4)
 STEERING_STICK, THROTTLE_STICK, MODE_CHANNEL = range(3)

@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.wire.messages import STATE_FLAGS
+from dart_hal.wire.codec import encode
+from dart_hal.wire.messages import BEAT_REQUESTS, HEARTBEAT, STATE_FLAGS
 from dart_lab.sim.failure_kinds import FAILURE_KINDS
 from dart_lab.sim.failures import parse_failure
 
@@ -144,7 +145,6 @@ def test_after_a_silent_config_the_firmware_sets_the_imu_up_again(raw_car):
 @pytest.mark.parametrize("nth", [1, 5, 9])
 def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
     """The store keeps two slots: a reset in the middle of a write loses the new one, no more."""
-    from dart_hal.wire.codec import encode
     from dart_hal.wire.messages import PARAM_BY_NAME, PARAM_GET, PARAM_SET
 
     car = raw_car(f"sim://?nano=avr&cutoff=mux&fail=eeprom:torn={nth}@0.8").run(1.0)
@@ -157,6 +157,25 @@ def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
     car.backend.link.write(encode(PARAM_GET, 1, (PARAM_BY_NAME["safety_out"].id,)))
     car.run(0.3)
     assert car.frames_named("PARAM_VALUE")[-1].as_dict()["value"] == 2  # others are whole
+
+
+@pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
+def test_the_rc_signal_ends_and_returns(raw_car, nano):
+    car = raw_car(f"sim://?nano={nano}&rc=1&fail=rc:off@0.5+0.4")
+    pulses = {}
+    for beat in range(12):
+        car.backend.link.write(encode(HEARTBEAT, beat, (0, 0, 0, 0, 0, BEAT_REQUESTS["RC"])))
+        car.run(0.1)
+        if car.frames_named("RC"):
+            pulses[beat] = car.frames_named("RC")[-1].as_dict()["pulse"]
+    rest = pytest.approx((3000, 3000, 0), abs=4)
+    assert pulses[4] == pulses[11] == rest
+    assert pulses[7] == pulses[8] == (0, 0, 0)
+
+
+def test_a_car_without_a_receiver_has_no_signal_to_lose(raw_car):
+    with pytest.raises(UsageError, match="no RC receiver"):
+        raw_car("sim://?nano=mock&fail=rc:off@0.1").run(0.2)
 
 
 def test_every_target_names_what_it_has():

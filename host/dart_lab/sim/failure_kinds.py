@@ -249,6 +249,19 @@ def _keep_on_floor(world: World, value: float) -> End:
     return end
 
 
+def _end_rc_signal(world: World, value: float) -> End:
+    """End the pulses of the RC receiver. Raises UsageError without a receiver."""
+    receiver = world.receiver
+    if receiver is None:
+        raise UsageError("this car has no RC receiver", remedy="add rc=1 to the URL")
+    receiver.has_signal = False
+
+    def end(world: World) -> None:
+        receiver.has_signal = True
+
+    return end
+
+
 def _tear_eeprom(world: World, nth: float) -> End:
     _call_nano(world, "tear_eeprom", int(nth))
     return lambda world: _call_nano(world, "tear_eeprom", 0)
@@ -291,10 +304,12 @@ _KINDS_BY_TARGET: dict[str, dict[str, FailureKind]] = {
     "esc": {"off": FailureKind(_cut_esc_power), "wrong": FailureKind(_swap_leads)},
     "wheel": {"stuck": FailureKind(_block_wheel)},
     "stand": {"off": FailureKind(_keep_on_floor)},
+    "rc": {"off": FailureKind(_end_rc_signal)},
     "eeprom": {"torn": FailureKind(_tear_eeprom, "NTH", 1.0, 1.0, 1024.0)},
 }
 
 # All kinds by (target, kind). i2c: the Nano's bus; pca: the board on the computer's bus; esc: no
-# battery, or the motor's leads swapped; wheel: blocked.
+# battery, or the motor's leads swapped; wheel: blocked; rc: no
+# pulses of the RC receiver.
 FAILURE_KINDS = {(target, name): kind for target, kinds in _KINDS_BY_TARGET.items()
                  for name, kind in kinds.items()}

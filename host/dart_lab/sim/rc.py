@@ -16,11 +16,12 @@ class SimReceiver:
     """The receiver and the sticks of its transmitter.
 
     pulses_us: of steering, throttle and third channel, None: no pulse; changed by the test or the
-    program that holds the transmitter.
+    program that holds the transmitter. has_signal: False, no pulse of any channel begins.
     """
 
     def __init__(self, period: float = RECEIVER_PERIOD) -> None:
         self.pulses_us: list[float | None] = [STICK_REST_US, STICK_REST_US, None]
+        self.has_signal = True
         self._period = period
         self._next = 0.0
         self._waiting: list[PinInput] = []
@@ -30,7 +31,7 @@ class SimReceiver:
         while self._next < end:
             t = max(self._next, start)
             for pin, pulse in zip(RECEIVER_PINS, self.pulses_us, strict=True):
-                if pulse is not None:
+                if pulse is not None and self.has_signal:
                     self._waiting += [(t, pin, True), (t + 1e-6 * pulse, pin, False)]
                     t += 1e-6 * pulse
             self._next += self._period

@@ -17,7 +17,7 @@ from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk
 from dart_lab.live.view.operator import Refused
 from fault_table.bench import Bench
-from fault_table.drive import Drive
+from fault_table.drive import Drive, forward
 from fault_table.row import Measured, Row, case
 from fault_table.rows_pins import MS
 
@@ -25,6 +25,8 @@ DRIVES_S = 0.6
 """Time of driving before the device falls silent."""
 SILENT_S = 2.5
 """Time that is watched after it."""
+STICK_FORWARD_US = 1800.0
+"""Pulse of a throttle stick."""
 BUMPER = EVENT.pack(0, 1, 0x01, GamepadLayout().dead_man)
 STICK = EVENT.pack(0, -FULL_SCALE, 0x02, GamepadLayout().forward.number)
 JITTER = EVENT.pack(0, -FULL_SCALE + 200, 0x02, GamepadLayout().forward.number)
@@ -196,6 +198,19 @@ def silent_topic(silent: str, resumes: float = SILENT_S) -> Callable[[Bench], Me
     return measure
 
 
+def lose_rc_signal(nano: str) -> Callable[[Bench], Measured]:
+    """The driver overrides the program, which requests throttle as well, and the signal ends."""
+    def measure(bench: Bench) -> Measured:
+        drive = bench.drive("&rc=1", nano=nano).arm()
+        drive.world.receiver.pulses_us[1] = STICK_FORWARD_US
+        drive.run(0.2, forward(0.0))
+        assert drive.wrong(drive.pulses[-1])
+        t_fault = drive.fail("rc:off")
+        drive.run(0.3, forward(0.4))
+        return Measured(drive.last_off(t_fault), ", ".join(drive.car.causes))
+    return measure
+
+
 ROWS = (
     Row(51, "gamepad out of range, bumper and stick held", "neutral after 1 s without an event", (
         case("mock", "bumper, then stick", silent_gamepad(BUMPER, STICK), 1000.0, MS, "input_age",
@@ -219,6 +234,10 @@ ROWS = (
         case("mock", "throttle", silent_topic("throttle_1"), 500.0, MS, "input_age"),
         case("mock", "messages come again", silent_topic("all", resumes=1.0), 500.0, MS,
              "topic_release"),
+    )),
+    Row(61, "signal of the RC receiver lost, its driver drives", "trip, neutral in 100 ms", (
+        case("mock", "transmitter off", lose_rc_signal("mock"), 100.0, MS, "rc_signal", fast=True),
+        case("elf", "transmitter off", lose_rc_signal("avr"), 100.0, MS, "rc_signal"),
     )),
 )
 """Limits: 1 s where a device reports changes only, 0.5 s where it reports periodically, 0.25 s

@@ -253,6 +253,8 @@ host("stop_answers", "each session of a name has to answer a stop",
      "dart_hal.fleet.stopping.StopCall.silent", property(by_name))
 host("input_age", "a human input whose source is silent is neutral",
      "dart_hal.control.input_age.InputAge.is_over", always(False))
+host("rc_signal", "a driver whose RC signal is lost trips",
+     "dart_hal.car.rc.RcOverride.has_signal", always(True))
 host("key_backlog", "keys that were typed earlier do not drive",
      "dart_hal.control.keyboard.MAX_BURST_KEYS", FOREVER)
 host("page_hold", "a command of a live page holds 0.2 s, its age taken off",
