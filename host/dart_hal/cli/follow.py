@@ -255,6 +255,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
             motion = estimate_motion(car, state, follower.rules)
             if others:
                 others.update(motion)
+            # Otherwise a car that waits before an obstacle would end as one that is stuck.
             follower.obstructed = Limit.OBSTACLE in state.applied.limited
             steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
