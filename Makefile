@@ -29,13 +29,13 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 # and one where each is several programs.
 # 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
-test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
+test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (six minutes on two cores)
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not (slow or long or realtime)" --durations 5 --durations-min 5 $(ARGS)
 	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (slow or long)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and layers hold. Types: make lint. The other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --hypothesis-profile ci -rs -m "(slow or hypothesis) and not (long or realtime)" $(ARGS)
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --hypothesis-profile ci -rs -m "(slow or hypothesis) and not (long or realtime)" --durations 10 --durations-min 30 $(ARGS)
 	@$(BIN)/python -m pytest -m "slow and realtime and not long" $(ARGS) $(REALTIME) || test $$? -eq 5
 
 test-long: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
