@@ -237,11 +237,12 @@ def common_ground(s: State) -> Found:
                 if not s.circuit.ground(out) & s.circuit.ground(name):
                     yield (f"{out} to {name}", "no ground in common"
                            + (", Nano's USB cable out" if s.pulled else ""),
-                           "a ground wire beside the signal")
+                           "a ground wire next to that of the signal")
     for name, _, net in () if s.pulled else s.circuit.of("analog"):
         for root in {r for far, _ in ends_of(s, net) for r in s.roots.get(far, ())}:
             if not s.circuit.ground(root) & s.circuit.ground(name):
-                yield f"{root} to {name}", "no ground in common", "a ground wire beside the signal"
+                yield (f"{root} to {name}", "no ground in common",
+                       "a ground wire next to that of the signal")
 
 
 RULES: dict[str, Rule] = {

@@ -194,7 +194,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
         for other in others:
             other.place.leave()
     waited = sum(detected.summary["waited_s"].values()) if detected else 0.0
-    return measured(follower, room, np.array(trail), contacts, waited)
+    return make_drive(follower, room, np.array(trail), contacts, waited)
 
 
 def watched(backend: Backend, seed: int, path: Path | None
@@ -226,7 +226,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     return rows, others
 
 
-def measured(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int,
+def make_drive(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int,
              waited: float) -> Drive:
     """What was truly driven, every 10 ms, until the laps were over."""
     path, s, error, ways = follower.path, follower.begun_at, [], []

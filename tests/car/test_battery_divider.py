@@ -35,7 +35,7 @@ def read_voltage(nano: str, supply: float = 5.0, connected: bool = True) -> tupl
 
 @pytest.mark.parametrize("supply", [4.6, 5.0, 5.2])
 @pytest.mark.parametrize("nano", ["mock", "avr"])
-def test_the_voltage_is_within_its_error_whatever_the_supply(nano, supply):
+def test_the_voltage_is_within_its_error_at_any_supply(nano, supply):
     measured, true = read_voltage(nano, supply)
     assert measured == pytest.approx(true, rel=COUNTS_ERROR)
 

@@ -22,7 +22,7 @@ from dart_hal.devices.actuation import Actuator
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import FrameDecoder
 from dart_hal.wire.messages import BEAT_REQUESTS, HEARTBEAT
-from dart_lab.sim.rc import RECEIVER_PERIOD, STICK_REST_US, PinInput, SimReceiver
+from dart_lab.sim.rc import RECEIVER_PERIOD, RECEIVER_PINS, STICK_REST_US, PinInput, SimReceiver
 
 MAX_LOSS_MS = 100.0
 STICK_FULL_US = 2000.0
@@ -70,7 +70,7 @@ class NoisyPins(SimReceiver):
 
     def edges(self, start: float, end: float) -> list[PinInput]:
         found = []
-        for pin in ("D10", "D11", "D12"):
+        for pin in RECEIVER_PINS:
             times = self._rng.uniform(start, end, self._rng.poisson(self._rate * (end - start)))
             for t in sorted(times):
                 self._level = not self._level
@@ -109,7 +109,7 @@ def test_the_override_obeys_the_limits_of_the_car(tmp_path):
 
 @pytest.mark.parametrize("commands", [True, False])
 def test_the_program_drives_again_after_neutral(tmp_path, commands):
-    """Control: without a new command the pin stays at neutral, whatever was requested before."""
+    """Control: without a new command the pin stays at neutral, also after an earlier request."""
     with RcDrive(tmp_path) as drive:
         drive.driving(0.4)
         drive.stick(THROTTLE_STICK, STICK_BACK_US)

@@ -42,12 +42,12 @@ def pulse_train(rig: Rig, seconds: float, flags: int = REQUEST_BOTH,
     return rig.frames[start:]
 
 
-def named(frames: list[tuple[float, str, dict]], name: str) -> list[dict]:
+def select(frames: list[tuple[float, str, dict]], name: str) -> list[dict]:
     return [values for _, kind, values in frames if kind == name]
 
 
 def test_pulses_are_measured_to_the_microsecond(any_nano: Rig) -> None:
-    found = named(pulse_train(any_nano, 1.0), "RC")
+    found = select(pulse_train(any_nano, 1.0), "RC")
     assert len(found) == pytest.approx(50, abs=2)
     for message in found[10:]:
         widths = [0.5 * pulse for pulse in message["pulse"]]
@@ -60,22 +60,22 @@ def test_pulses_are_measured_to_the_microsecond(any_nano: Rig) -> None:
 def test_nothing_is_sent_without_a_request(any_nano: Rig) -> None:
     """Control: with it, both messages come; and they end with the heartbeats."""
     frames = pulse_train(any_nano, 0.5, flags=0)
-    assert not named(frames, "RC")
-    assert not named(frames, "BATTERY")
+    assert not select(frames, "RC")
+    assert not select(frames, "BATTERY")
     frames = pulse_train(any_nano, 0.5)
-    assert named(frames, "RC")
-    assert named(frames, "BATTERY")
+    assert select(frames, "RC")
+    assert select(frames, "BATTERY")
     any_nano.run(0.15)
     frames = any_nano.run(0.5)
-    assert not named(frames, "RC")
-    assert not named(frames, "BATTERY")
+    assert not select(frames, "RC")
+    assert not select(frames, "BATTERY")
 
 
 @pytest.mark.parametrize(("volt", "pin", "pulled"), [(2.5, 2044, 601), (0.0, 0, 180),
                                                      (4.0, 3272, 854)])
 def test_counts_of_the_divider(any_nano: Rig, volt: float, pin: int, pulled: int) -> None:
     any_nano.nano.set_divider(volt)
-    found = named(pulse_train(any_nano, 0.5), "BATTERY")
+    found = select(pulse_train(any_nano, 0.5), "BATTERY")
     assert len(found) >= 3
     assert (found[-1]["pin"], found[-1]["reference"]) == (pin, 900)
     assert found[-1]["pulled"] == pytest.approx(pulled, abs=2)
@@ -85,12 +85,12 @@ def test_the_supply_is_measured_all_the_while(nano, elf) -> None:
     rig = nano(elf)
     rig.run(1.0)
     pulse_train(rig, 1.2)
-    assert named(rig.frames, "DIAG")[-1]["vcc_mv"] == pytest.approx(5000, abs=60)
+    assert select(rig.frames, "DIAG")[-1]["vcc_mv"] == pytest.approx(5000, abs=60)
 
 
 def test_an_open_pin_is_held_by_its_pull_up(any_nano: Rig) -> None:
     any_nano.nano.set_divider(None)
-    assert {m["pulled"] for m in named(pulse_train(any_nano, 0.5), "BATTERY")} == {1023}
+    assert {m["pulled"] for m in select(pulse_train(any_nano, 0.5), "BATTERY")} == {1023}
 
 
 def test_a_noisy_pin_costs_a_bounded_time_and_no_frame(nano, elf) -> None:
@@ -111,14 +111,14 @@ def test_a_noisy_pin_costs_a_bounded_time_and_no_frame(nano, elf) -> None:
     assert served.n - before.n <= 16 * 51
     assert served.max <= 150
     assert len(rig.states(start)) == pytest.approx(50, abs=1)
-    assert named(rig.frames, "DIAG")[-1]["loop_overruns"] == 0
-    assert {m["pulse"] for m in named(rig.frames, "RC")} == {(0, 0, 0)}
+    assert select(rig.frames, "DIAG")[-1]["loop_overruns"] == 0
+    assert {m["pulse"] for m in select(rig.frames, "RC")} == {(0, 0, 0)}
     rig.nano.set_pin("D10", False)
-    assert named(pulse_train(rig, 0.3), "RC")[-1]["pulse"][0] == pytest.approx(2468, abs=16)
+    assert select(pulse_train(rig, 0.3), "RC")[-1]["pulse"][0] == pytest.approx(2468, abs=16)
 
 
 def test_a_restart_forgets_the_request(any_nano: Rig) -> None:
     pulse_train(any_nano, 0.2)
     any_nano.nano.reset("external")
     frames = any_nano.run(0.5)
-    assert not named(frames, "RC")
+    assert not select(frames, "RC")

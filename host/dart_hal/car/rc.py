@@ -50,8 +50,8 @@ class RcOverride:
     """The RC receiver of one open car.
 
     active: the driver overrides the program; lost: the signal ended while he did, and has not
-    returned; pulses_us: newest pulse of steering, throttle and
-    third channel, None: no message yet.
+    returned; pulses_us: newest pulse of steering, throttle and third channel, None: no message
+    yet.
     """
 
     def __init__(self, car: CarConfig) -> None:

@@ -309,7 +309,6 @@ _KINDS_BY_TARGET: dict[str, dict[str, FailureKind]] = {
 }
 
 # All kinds by (target, kind). i2c: the Nano's bus; pca: the board on the computer's bus; esc: no
-# battery, or the motor's leads swapped; wheel: blocked; rc: no
-# pulses of the RC receiver.
+# battery, or the motor's leads swapped; wheel: blocked; rc: no pulses of the receiver.
 FAILURE_KINDS = {(target, name): kind for target, kinds in _KINDS_BY_TARGET.items()
                  for name, kind in kinds.items()}

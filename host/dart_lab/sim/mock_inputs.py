@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-CK_PER_MS = 2000
+from dart_hal.devices.battery.divider import BAND_GAP_V
+from dart_hal.wire.messages import TICKS_PER_SECOND
+from dart_lab.sim.rc import RECEIVER_PINS
+
+CK_PER_MS = TICKS_PER_SECOND // 1000
 _MASK = 0xFFFFFFFF
 # Constants of firmware/src/core/rc_receiver.h [ck].
 SHORTEST_PULSE = 1600
@@ -12,11 +16,9 @@ LONGEST_PULSE = 4400
 LEAST_PERIOD = 8 * CK_PER_MS
 MOST_GAP = 100 * CK_PER_MS
 GOOD_RUN = 5
-RC_CHANNELS = 3
 # Slots between two BATTERY messages.
 BATTERY_SLOTS = 12
-# V of the band gap; ohm of the pull-up of A0.
-BAND_GAP = 1.1
+# ohm of the pull-up of A0: 20 to 50 k by the data sheet.
 PULL_UP = 35e3
 FULL_SCALE = 1023
 
@@ -34,12 +36,12 @@ class MockReceiver:
     """Pulses of three channels; times in ck, levels as bits."""
 
     def __init__(self, now: int, levels: int = 0) -> None:
-        self._channels = [_Channel(now) for _ in range(RC_CHANNELS)]
+        self._channels = [_Channel(now) for _ in RECEIVER_PINS]
         self._levels = levels
         self._refused = 0
 
     def edge(self, stamp: int, levels: int) -> None:
-        """Take over the levels of the pins since ``at``."""
+        """Take over the levels of the pins since ``stamp``."""
         changed = levels ^ self._levels
         self._levels = levels
         for i, channel in enumerate(self._channels):
@@ -97,4 +99,4 @@ def measure_divider(ck: int, volt: float | None, ohm: float, supply: float) -> S
 
     pulled = supply if volt is None else (volt * PULL_UP + supply * ohm) / (PULL_UP + ohm)
     pin = 0.5 * supply if volt is None else volt
-    return ck, 4 * convert(pin), 4 * convert(BAND_GAP), convert(pulled)
+    return ck, 4 * convert(pin), 4 * convert(BAND_GAP_V), convert(pulled)

@@ -27,6 +27,7 @@ from dart_lab.sim.mock_inputs import BATTERY_SLOTS, MockReceiver, measure_divide
 from dart_lab.sim.mock_pins import MockPins
 from dart_lab.sim.mock_supervisor import MockSupervisor, OutputState
 from dart_lab.sim.mock_uart import MockUart
+from dart_lab.sim.rc import RECEIVER_PINS
 from dart_lab.sim.ring import RING_A, RING_B, even_ring
 
 SLOT_CK = 20_000
@@ -49,8 +50,6 @@ IMU_RESET = 0.650
 BROWN_OUT_VOLT = 2.7
 # Number of equal samples in motion after which an IMU is reported as stuck.
 STUCK_SAMPLES = 20
-# Pins of the RC receiver: steering, throttle, mode.
-RC_PINS = ("D10", "D11", "D12")
 RESET_CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
 _FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
 
@@ -178,8 +177,8 @@ class MockNano:
         """Set the level of an input pin; D8 is the input capture."""
         if name == "D8":
             self._capture.edge(self._pins.board_edge(level, self.now), self._ck(self.now))
-        elif name in RC_PINS:
-            bit = 1 << RC_PINS.index(name)
+        elif name in RECEIVER_PINS:
+            bit = 1 << RECEIVER_PINS.index(name)
             self._rc_levels = self._rc_levels & ~bit | (bit if level else 0)
             if self._requested & m.BEAT_REQUESTS["RC"]:
                 self._receiver.edge(self._ck(self.now), self._rc_levels)

@@ -80,10 +80,9 @@ class World:
     ``trail``: called every 5 ms with t [s] and x, y [m], yaw [rad] of the rear axle;
     ``wheel_direction``: last direction of the wheels, 1 forward, -1 backward, 0 before the first
     motion; ``receiver``: of an RC transmitter, or None; ``divider``: of the battery at the Nano,
-    or None; ``blocked``: a wheel is blocked;
-    ``lifted``: the car with its wheels off the ground, or None; ``can_be_lifted`` False: ``lift``
-    has no effect; ``hand_rate`` [rad/s]: a hand turns the car on the spot, 0 for none. Effects are
-    part of ``car``, see ``dart_lab.sim.true_car``.
+    or None; ``blocked``: a wheel is blocked; ``lifted``: the car with its wheels off the ground, or
+    None; ``can_be_lifted`` False: ``lift`` has no effect; ``hand_rate`` [rad/s]: a hand turns the
+    car on the spot, 0 for none. Effects are part of ``car``, see ``dart_lab.sim.true_car``.
     """
 
     def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",

@@ -10,10 +10,11 @@ from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.config.ranges import check_neutral, check_oscillator
 
 CAR_SCHEMA = "dart-hal/car/1"
-# V of a full lithium cell, and at A0 with the lowest supply of USB.
+# V of a full lithium cell, and at A0: the lowest supply by the USB specification, which the
+# converter has as its reference.
 FULL_CELL_V = 4.2
 MAX_DIVIDER_V = 4.4
-# us between the middle and the end of a stick of an RC transmitter.
+# us between the middle and the end of a stick of an RC transmitter: half of the usual 500.
 MIN_STICK_SPAN_US = 250.0
 # Standard error of a size over the size: a larger one is no measurement, or has another unit.
 MAX_RELATIVE_STD = 0.5

@@ -19,7 +19,8 @@ from dart_hal.devices.battery.ina219 import CELL_RANGE, is_plausible
 BAND_GAP_V = 1.1
 # Sum of four conversions at the supply, above which A0 is at the supply; a divider cannot be.
 MAX_PIN_COUNTS = 4 * 1015
-# Counts of A0 with its pull-up of 20 to 50 kohm: a divider of up to 10 kohm holds it lower.
+# Counts of A0 with its pull-up of 20 to 50 kohm: a divider of up to 10 kohm holds it lower,
+# with 4.4 V of 5 V and 20 kohm at (4.4 x 20 + 5 x 10) / 30 = 4.6 V, 941 counts.
 MAX_PULLED_COUNTS = 1000
 
 
