@@ -103,7 +103,7 @@ def test_what_the_mock_cannot_do_is_reported(raw_car):
 @pytest.mark.parametrize("key", sorted(FAILURE_KINDS), ids=":".join)
 @pytest.mark.slow_except("line:off", "mcu:brownout", "pca:off", "mcu:watchdog", "imu:zero")
 def test_every_failure_acts_on_the_emulated_firmware(raw_car, key):
-    car = raw_car(f"sim://?nano=avr&fail={key[0]}:{key[1]}@0.6+0.2")
+    car = raw_car(f"sim://?nano=avr&rc=1&fail={key[0]}:{key[1]}@0.6+0.2")
     car.run(1.0)
     assert len(car.frames_named("STATE")) > 50
 

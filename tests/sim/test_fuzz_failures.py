@@ -69,7 +69,8 @@ def test_what_is_accepted_can_begin_and_end(name, value):
     """The world does it, or states by UsageError that MockNano has no such thing."""
     if law(f"{name}={value}@0.001+0.02") is None:
         return
-    backend = open_backend(f"sim://?nano=mock&physics=kinematic&fail={name}={value}@0.001 0.02")
+    failure = f"{name}={value}@0.001 0.02"
+    backend = open_backend(f"sim://?nano=mock&physics=kinematic&rc=1&fail={failure}")
     with suppress(UsageError):  # what MockNano cannot do
         backend.clock.sleep(0.03)
     backend.link.close()

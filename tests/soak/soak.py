@@ -246,7 +246,7 @@ def soak(seconds: float, nano: str = "avr", cutoff: str = "mux", seed: int = 1,
          until: float | None = None) -> Report:
     """Drive for so long; stops at ``until`` s, or with the first broken law."""
     failures = plan(seed, seconds, nano)
-    url = (f"sim://?nano={nano}&seed={seed}&physics=kinematic&tick=10&cutoff={cutoff}"
+    url = (f"sim://?nano={nano}&seed={seed}&physics=kinematic&tick=10&rc=1&cutoff={cutoff}"
            f"&ber={BIT_ERROR:g}&fail={','.join(failures)}")
     report = Report(url)
     begin = time.monotonic()
