@@ -6,6 +6,7 @@ import hashlib
 
 import pytest
 
+from dart_hal.vehicle.native.library import NATIVE_SWITCH
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT, TIME_PING
 
@@ -61,6 +62,13 @@ def test_read_slices_do_not_matter_while_things_fail(raw_car):
     url = f"sim://?nano=avr&seed=7{FAILING},enc:chatter=20000@0.5%2B0.3,imu:delayed=0.1@2%2B1"
     first, other = (scenario(raw_car, url, s, 5.0) for s in (1e-2, 7e-4))
     assert other == first
+
+
+@pytest.mark.parametrize("effect", ["", "&effect=load_transfer:0.02"])
+def test_compiled_and_python_motion_give_the_same_bytes(raw_car, monkeypatch, effect):
+    compiled = scenario(raw_car, URL + effect, 0.01, 3.0)
+    monkeypatch.setenv(NATIVE_SWITCH, "0")
+    assert scenario(raw_car, URL + effect, 0.01, 3.0) == compiled
 
 
 @pytest.mark.slow

@@ -13,15 +13,17 @@ from hypothesis import strategies as st
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, Batch, rollout, stack
 from dart_hal.vehicle.batch import car_rollout, car_step
+from dart_hal.vehicle.effects import activate, add_effects, find_effect
 from dart_hal.vehicle.flat import bind, names, value, with_values
-from dart_hal.vehicle.namespace import ARRAY
+from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native import library
 from dart_hal.vehicle.native.build import Variant, compile_kernel, compiler
 from dart_hal.vehicle.native.call import call
 from dart_hal.vehicle.native.emit import body, source
+from dart_hal.vehicle.native.kernel import make_native_step
 from dart_hal.vehicle.native.model import INPUT_NAMES, STATE_NAMES, evaluate_coefficients, record
 from dart_hal.vehicle.parameters import SLIP_FORMS, AxleTyres, SpeedLoop
-from dart_hal.vehicle.step import make_car_step, make_motion_step
+from dart_hal.vehicle.step import make_car_step, make_motion_step, make_tick_step
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -72,6 +74,30 @@ def largest_difference(got, expected):
     assert got.shape == expected.shape
     assert np.isfinite(expected).all()
     return np.max(np.abs(got - expected) / np.maximum(1.0, np.abs(expected)))
+
+
+TRANSFER = find_effect("load_transfer")
+LOADED = add_effects(UPSTREAM_2024, [activate(TRANSFER, {
+    q.name: q.null + q.sizes[-1] for q in TRANSFER.parameters})])
+
+
+@pytest.mark.parametrize("p", [UPSTREAM_2024, PAPER, CAPPED, LOADED],
+                         ids=["axle", "paper", "capped", "load_transfer"])
+def test_a_tick_is_that_of_python_to_the_last_bit(p):
+    """At rest, in reverse, blocked and sliding."""
+    compiled = make_native_step(p, "tick", 1e-3)
+    plain = make_tick_step(p, SCALAR, 1e-3)
+    draw = np.random.default_rng(4)
+    for speed in (0.0, 0.02, 3.0):
+        for _ in range(20):
+            ranges = 5, 5, 9, speed, 0.5 * speed, 4 * speed, 6, 2
+            state = (*(draw.uniform(-1, 1, 8) * ranges), draw.choice((0.0, 8.0)))
+            angle = draw.uniform(-0.4, 0.4)
+            inputs = math.cos(angle), math.sin(angle)
+            for _ in range(5):
+                other = plain(*state, *inputs)
+                state = compiled(*state, *inputs)
+                assert state == other
 
 
 @pytest.mark.slow_except("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",

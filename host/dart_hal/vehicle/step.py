@@ -44,6 +44,7 @@ METHODS: Methods = {"rk4": (make_dynamic_step, make_kinematic_step),
 MIN_LAG = 1e-6
 
 State8 = tuple[Value, Value, Value, Value, Value, Value, Value, Value]
+State9 = tuple[Value, Value, Value, Value, Value, Value, Value, Value, Value]
 # ``body(x, y, eta, v_x, v_y, omega, dt, start, middle, end)``; the last three (tau, delta).
 Body6 = Callable[..., State6]
 
@@ -108,6 +109,24 @@ def make_motion_step(p: Vehicle, xp: Any = math, dt: Value = 0.0025, substeps: i
         return (x, y, eta, vx, *_no_slip_motion(p, vx, held[3]))
 
     return kinematic_step if kinematic else step
+
+
+def make_tick_step(p: Vehicle, xp: Any = math, dt: Value = 0.001, method: str = "rk4"
+                   ) -> Callable[..., State9]:
+    """Return ``step(x, y, eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d) -> state``.
+
+    The dynamic bicycle over dt [s] with the drive force k0 - k1 v_x [N], the brake [N] and the
+    road-wheel angle d of the caller. k0, k1 and brake are returned unchanged, after the motion.
+    """
+    f = adapt(xp)
+    advance = METHODS[method][0](make_dynamic(p, f, max_rate=MAX_RELAXATION[method] / dt))
+
+    def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, k0: Value, k1: Value,
+             brake: Value, cos_d: Value, sin_d: Value) -> State9:
+        held = k0, k1, brake, cos_d, sin_d
+        return (*advance(x, y, eta, vx, vy, om, dt, held, held, held), k0, k1, brake)
+
+    return step
 
 
 def lag_decay(lag: Value, dt: Value, f: Namespace) -> tuple[Value, Value]:

@@ -9,19 +9,20 @@ from typing import Any, NamedTuple, Protocol
 from dart_hal.vehicle import (
     SCALAR,
     Vehicle,
-    make_dynamic,
-    make_dynamic_step,
     make_kinematic,
     make_kinematic_step,
     make_motor_gains,
 )
-from dart_hal.vehicle.integrate import MAX_RELAXATION
+from dart_hal.vehicle.native import CannotCompile, make_native_step
+from dart_hal.vehicle.step import make_tick_step
 
 
 def _make_dynamic_tick(p: Vehicle, dt: float) -> Callable[..., Any]:
-    """Make the step of a tick: x, y, eta, v_x, v_y, omega; inputs k0, k1, brake, cos d, sin d."""
-    step = make_dynamic_step(make_dynamic(p, SCALAR, max_rate=MAX_RELAXATION["rk4"] / dt))
-    return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
+    """Make the step of ``make_tick_step``, compiled where there is a compiler; the same numbers."""
+    try:
+        return make_native_step(p, "tick", dt)
+    except CannotCompile:
+        return make_tick_step(p, SCALAR, dt)
 
 
 def _make_kinematic_tick(p: Vehicle, dt: float) -> Callable[..., Any]:
@@ -123,7 +124,7 @@ class DynamicMotion(BicycleMotion):
             self._angle = angle
             self._cos = math.cos(angle)
             self._sin = math.sin(angle)
-        self.x, self.y, self.eta, vx, vy, om = self._advance(
+        self.x, self.y, self.eta, vx, vy, om, *_ = self._advance(
             self.x, self.y, self.eta, self.v_x, self.v_y, self.omega, drive.k0, drive.k1, brake,
             self._cos, self._sin)
         # The velocities before the tick are still set, so that their means can be taken.

@@ -30,6 +30,8 @@ COMMITTED = HERE / "kernel.c"
 BUILT = HERE / "_built"
 
 COMPILE_OPTIONS = ("-std=gnu11", "-O3", "-ffast-math", "-fopenmp-simd", "-fPIC")
+# Every operation rounded once and in the order of the equations, as Python computes.
+EXACT_OPTIONS = ("-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC")
 # What makes a compiler use the vectors of this processor, all of their width (gcc takes half,
 # which costs a third of the speed); the first that the compiler knows.
 MACHINE_OPTIONS: tuple[tuple[str, ...], ...] = (
@@ -45,17 +47,20 @@ MAX_CACHED_LIBRARIES = 1000
 
 
 class Variant(NamedTuple):
-    """bits 32 or 64 of a number; lanes: each car its own parameters."""
+    """bits 32 or 64 of a number; lanes: each car its own parameters; exact: to the last bit."""
 
     bits: int
     lanes: bool
+    exact: bool = False
 
     @property
-    def defines(self) -> tuple[str, str]:
+    def options(self) -> tuple[str, ...]:
         """Arguments for the compiler."""
-        return f"-DBITS={self.bits}", f"-DLANES={int(self.lanes)}"
+        return (*(EXACT_OPTIONS if self.exact else COMPILE_OPTIONS), f"-DBITS={self.bits}",
+                f"-DLANES={int(self.lanes)}", f"-DEXACT={int(self.exact)}")
 
 
+# Of the kernels that are built with the package.
 VARIANTS = tuple(Variant(bits, lanes) for bits in (64, 32) for lanes in (False, True))
 
 
@@ -76,9 +81,10 @@ def compiler() -> list[str] | None:
 def key(source: str, variant: Variant, *, portable: bool = False) -> str:
     """Name of a library without suffix."""
     machine = (platform.machine(),) if portable else (*sum(MACHINE_OPTIONS, ()), processor())
-    parts = (source, *variant.defines, *COMPILE_OPTIONS, *machine)
+    parts = (source, *variant.options, *machine)
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
-    kind = ("-lanes" if variant.lanes else "") + ("-portable" if portable else "")
+    marks = {"-lanes": variant.lanes, "-exact": variant.exact, "-portable": portable}
+    kind = "".join(mark for mark, is_set in marks.items() if is_set)
     return f"kernel-f{variant.bits}{kind}-{digest}"
 
 
@@ -144,9 +150,8 @@ def _build(command: list[str], source: str, variant: Variant, scratch: Path,
     """Compile and link, with the first options of ``machines`` that the compiler knows."""
     text, thing, library = (scratch / f"kernel{suffix}" for suffix in (".c", ".o", ".so"))
     text.write_text(source, encoding="utf-8")
-    _run_first([[*command, *COMPILE_OPTIONS, *machine, *variant.defines, "-c", str(text),
-                 "-o", str(thing)]
-            for machine in machines])
+    _run_first([[*command, *machine, *variant.options, "-c", str(text), "-o", str(thing)]
+                for machine in machines])
     # linked without -ffast-math: with it gcc adds code that switches off denormal
     # numbers for everybody in the process that loads the library
     _run_first([[*command, "-shared", str(thing), "-o", str(library), *vectors, "-lm"]

@@ -7,16 +7,17 @@ from dataclasses import replace
 
 from dart_hal.vehicle.native.build import COMMITTED, CannotCompile, build_committed
 from dart_hal.vehicle.native.emit import body, source
-from dart_hal.vehicle.native.model import STATE_NAMES, form_of, trace
+from dart_hal.vehicle.native.model import form_of, trace
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 # Built with the package; every other form is compiled on its first use.
+KINDS = ("car", "motion")
 FORMS = (PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic"))
 
 
 def text() -> str:
     """What ``kernel.c`` must hold."""
-    return source(body(trace(form_of(p), kind)) for p in FORMS for kind in STATE_NAMES)
+    return source(body(trace(form_of(p), kind)) for p in FORMS for kind in KINDS)
 
 
 def write() -> bool:

@@ -9,7 +9,6 @@ for all lanes and one per lane: see ``PRELUDE``.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections import Counter
 from collections.abc import Iterable
@@ -37,8 +36,14 @@ typedef double real;
 #define LEAST -708.0
 #endif
 #define R(number) ((real)number)
+#if EXACT /* the functions that Python calls */
+#define EXP(x) F(exp)(x)
+#define COS(x) F(cos)(x)
+#else
 /* what would underflow takes libmvec out of its vectors, at half the speed of a step */
 #define EXP(x) F(exp)(F(fmax)(x, LEAST))
+#define COS(x) F(sin)((x) + R(1.5707963267948966))
+#endif
 #if LANES
 #define H(k) h[(k) * ldh + i]
 #else
@@ -185,7 +190,7 @@ class _Lines:
         if node.op == "neg":
             return f"(-{args[0]})"
         if node.op == "cos":
-            return f"F(sin)({args[0]} + R({math.pi / 2!r}))"
+            return f"COS({_bare(args[0])})"
         if node.op == "exp":
             return f"EXP({_bare(args[0])})"
         return f"F({node.op})({', '.join(map(_bare, args))})"

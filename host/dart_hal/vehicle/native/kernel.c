@@ -17,8 +17,14 @@ typedef double real;
 #define LEAST -708.0
 #endif
 #define R(number) ((real)number)
+#if EXACT /* the functions that Python calls */
+#define EXP(x) F(exp)(x)
+#define COS(x) F(cos)(x)
+#else
 /* what would underflow takes libmvec out of its vectors, at half the speed of a step */
 #define EXP(x) F(exp)(F(fmax)(x, LEAST))
+#define COS(x) F(sin)((x) + R(1.5707963267948966))
+#endif
 #if LANES
 #define H(k) h[(k) * ldh + i]
 #else
@@ -87,7 +93,7 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v162 = (R(0.5) * v156) * (F(tanh)(R(100.0) * v156) + R(1.0));
         const real v164 = (-v106) + H(9);
         const real v170 = H(10) * ((R(0.5) * v164) * (F(tanh)(R(100.0) * v164) + R(1.0)));
-        const real v175 = F(sin)(v123 + R(1.5707963267948966));
+        const real v175 = COS(v123);
         const real v176 = F(sin)(v123);
         const real v177 = v124 + H(9);
         const real v182 = (R(0.5) * v177) * (F(tanh)(R(100.0) * v177) + R(1.0));
@@ -95,13 +101,13 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v190 = H(10) * ((R(0.5) * v184) * (F(tanh)(R(100.0) * v184) + R(1.0)));
         const real v192 = H(7) * (v182 - v190);
         const real v194 = H(8) * (v182 + v190);
-        const real v195 = F(sin)(v140 + R(1.5707963267948966));
+        const real v195 = COS(v140);
         const real v196 = F(sin)(v140);
         const real v197 = v103 + H(9);
         const real v202 = (R(0.5) * v197) * (F(tanh)(R(100.0) * v197) + R(1.0));
         const real v204 = (-v103) + H(9);
         const real v210 = H(10) * ((R(0.5) * v204) * (F(tanh)(R(100.0) * v204) + R(1.0)));
-        const real v215 = F(sin)(v155 + R(1.5707963267948966));
+        const real v215 = COS(v155);
         const real v216 = F(sin)(v155);
         const real v221 = vy + (H(0) * om);
         const real v224 = (vx * v175) + (v221 * v176);
@@ -116,7 +122,7 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v274 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * om) - vy,
             F(fmax)(v233 + (R(0.1) * EXP((R(-100.0) * vx) * vx)), H(26)))));
         const real v277 = (v270 * v175) + (v260 * v176);
-        const real v286 = F(sin)(eta + R(1.5707963267948966));
+        const real v286 = COS(eta);
         const real v287 = F(sin)(eta);
         const real v296 = ((((H(25) * v259) + (v260 * v175)) - (v270 * v176)) * H(23)) + (om *
             vy);
@@ -139,7 +145,7 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v359 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v308) - v306,
             F(fmax)(v320 + (R(0.1) * EXP((R(-100.0) * v304) * v304)), H(26)))));
         const real v362 = (v356 * v195) + (v346 * v196);
-        const real v371 = F(sin)(v302 + R(1.5707963267948966));
+        const real v371 = COS(v302);
         const real v372 = F(sin)(v302);
         const real v381 = ((((H(25) * v345) + (v346 * v195)) - (v356 * v196)) * H(23)) + (v308 *
             v306);
@@ -162,7 +168,7 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v444 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v393) - v391,
             F(fmax)(v405 + (R(0.1) * EXP((R(-100.0) * v389) * v389)), H(26)))));
         const real v447 = (v441 * v195) + (v431 * v196);
-        const real v456 = F(sin)(v387 + R(1.5707963267948966));
+        const real v456 = COS(v387);
         const real v457 = F(sin)(v387);
         const real v466 = ((((H(25) * v430) + (v431 * v195)) - (v441 * v196)) * H(23)) + (v393 *
             v391);
@@ -185,7 +191,7 @@ INSIDE step_car_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const real 
         const real v529 = F(fmax)(H(33), F(fmin)(H(21), H(20) * F(atan2)((H(1) * v478) - v476,
             F(fmax)(v490 + (R(0.1) * EXP((R(-100.0) * v474) * v474)), H(26)))));
         const real v532 = (v526 * v215) + (v516 * v216);
-        const real v541 = F(sin)(v472 + R(1.5707963267948966));
+        const real v541 = COS(v472);
         const real v542 = F(sin)(v472);
         state[0][i] = x + (H(32) * ((((vx * v286) - (vy * v287)) + (R(2.0) * (((v304 * v371) -
             (v306 * v372)) + ((v389 * v456) - (v391 * v457))))) + ((v474 * v541) - (v476 *
@@ -250,7 +256,7 @@ INSIDE hold_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v91 = H(10) * ((R(0.5) * v85) * (F(tanh)(R(100.0) * v85) + R(1.0)));
         held[0][i] = H(7) * (v83 - v91);
         held[1][i] = H(8) * (v83 + v91);
-        held[2][i] = F(sin)(delta + R(1.5707963267948966));
+        held[2][i] = COS(delta);
         held[3][i] = F(sin)(delta);
     }
 }
@@ -283,7 +289,7 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v155 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * om) - vy,
             F(fmax)(v114 + (R(0.1) * EXP((R(-100.0) * vx) * vx)), H(21)))));
         const real v158 = (v151 * v96) + (v141 * v97);
-        const real v167 = F(sin)(eta + R(1.5707963267948966));
+        const real v167 = COS(eta);
         const real v168 = F(sin)(eta);
         const real v177 = ((((H(20) * v140) + (v141 * v96)) - (v151 * v97)) * H(18)) + (om * vy);
         const real v180 = ((v155 + v158) * H(18)) - (om * vx);
@@ -305,7 +311,7 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v240 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v189) - v187,
             F(fmax)(v201 + (R(0.1) * EXP((R(-100.0) * v185) * v185)), H(21)))));
         const real v243 = (v237 * v96) + (v227 * v97);
-        const real v252 = F(sin)(v183 + R(1.5707963267948966));
+        const real v252 = COS(v183);
         const real v253 = F(sin)(v183);
         const real v262 = ((((H(20) * v226) + (v227 * v96)) - (v237 * v97)) * H(18)) + (v189 *
             v187);
@@ -328,7 +334,7 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v325 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v274) - v272,
             F(fmax)(v286 + (R(0.1) * EXP((R(-100.0) * v270) * v270)), H(21)))));
         const real v328 = (v322 * v96) + (v312 * v97);
-        const real v337 = F(sin)(v268 + R(1.5707963267948966));
+        const real v337 = COS(v268);
         const real v338 = F(sin)(v268);
         const real v347 = ((((H(20) * v311) + (v312 * v96)) - (v322 * v97)) * H(18)) + (v274 *
             v272);
@@ -351,7 +357,7 @@ INSIDE step_motion_dynamic_paper_all_speeds_rk4(int64_t w, int64_t ldh, const re
         const real v410 = F(fmax)(H(24), F(fmin)(H(16), H(15) * F(atan2)((H(1) * v359) - v357,
             F(fmax)(v371 + (R(0.1) * EXP((R(-100.0) * v355) * v355)), H(21)))));
         const real v413 = (v407 * v96) + (v397 * v97);
-        const real v422 = F(sin)(v353 + R(1.5707963267948966));
+        const real v422 = COS(v353);
         const real v423 = F(sin)(v353);
         state[0][i] = x + (H(23) * ((((vx * v167) - (vy * v168)) + (R(2.0) * (((v185 * v252) -
             (v187 * v253)) + ((v270 * v337) - (v272 * v338))))) + ((v355 * v422) - (v357 *
@@ -452,7 +458,7 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v166 = (R(0.5) * v160) * (F(tanh)(R(100.0) * v160) + R(1.0));
         const real v168 = (-v110) + H(9);
         const real v174 = H(10) * ((R(0.5) * v168) * (F(tanh)(R(100.0) * v168) + R(1.0)));
-        const real v179 = F(sin)(v127 + R(1.5707963267948966));
+        const real v179 = COS(v127);
         const real v180 = F(sin)(v127);
         const real v181 = v128 + H(9);
         const real v186 = (R(0.5) * v181) * (F(tanh)(R(100.0) * v181) + R(1.0));
@@ -460,13 +466,13 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v194 = H(10) * ((R(0.5) * v188) * (F(tanh)(R(100.0) * v188) + R(1.0)));
         const real v196 = H(7) * (v186 - v194);
         const real v198 = H(8) * (v186 + v194);
-        const real v199 = F(sin)(v144 + R(1.5707963267948966));
+        const real v199 = COS(v144);
         const real v200 = F(sin)(v144);
         const real v201 = v107 + H(9);
         const real v206 = (R(0.5) * v201) * (F(tanh)(R(100.0) * v201) + R(1.0));
         const real v208 = (-v107) + H(9);
         const real v214 = H(10) * ((R(0.5) * v208) * (F(tanh)(R(100.0) * v208) + R(1.0)));
-        const real v219 = F(sin)(v159 + R(1.5707963267948966));
+        const real v219 = COS(v159);
         const real v220 = F(sin)(v159);
         const real v225 = vy + (H(0) * om);
         const real v228 = (vx * v179) + (v225 * v180);
@@ -479,7 +485,7 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v272 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * om) - vy,
             F(fmax)(v235 + EXP((R(-3.0) * vx) * vx), H(26)))));
         const real v275 = (v267 * v179) + (v261 * v180);
-        const real v284 = F(sin)(eta + R(1.5707963267948966));
+        const real v284 = COS(eta);
         const real v285 = F(sin)(eta);
         const real v294 = ((((H(23) * v260) + (v261 * v179)) - (v267 * v180)) * H(21)) + (om *
             vy);
@@ -500,7 +506,7 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v353 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v306) - v304,
             F(fmax)(v317 + EXP((R(-3.0) * v302) * v302), H(26)))));
         const real v356 = (v348 * v199) + (v342 * v200);
-        const real v365 = F(sin)(v300 + R(1.5707963267948966));
+        const real v365 = COS(v300);
         const real v366 = F(sin)(v300);
         const real v375 = ((((H(23) * v341) + (v342 * v199)) - (v348 * v200)) * H(21)) + (v306 *
             v304);
@@ -521,7 +527,7 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v434 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v387) - v385,
             F(fmax)(v398 + EXP((R(-3.0) * v383) * v383), H(26)))));
         const real v437 = (v429 * v199) + (v423 * v200);
-        const real v446 = F(sin)(v381 + R(1.5707963267948966));
+        const real v446 = COS(v381);
         const real v447 = F(sin)(v381);
         const real v456 = ((((H(23) * v422) + (v423 * v199)) - (v429 * v200)) * H(21)) + (v387 *
             v385);
@@ -542,7 +548,7 @@ INSIDE step_car_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real *re
         const real v515 = H(25) * F(sin)(H(18) * F(atan)(H(19) * F(atan2)((H(1) * v468) - v466,
             F(fmax)(v479 + EXP((R(-3.0) * v464) * v464), H(26)))));
         const real v518 = (v510 * v219) + (v504 * v220);
-        const real v527 = F(sin)(v462 + R(1.5707963267948966));
+        const real v527 = COS(v462);
         const real v528 = F(sin)(v462);
         state[0][i] = x + (H(32) * ((((vx * v284) - (vy * v285)) + (R(2.0) * (((v302 * v365) -
             (v304 * v366)) + ((v383 * v446) - (v385 * v447))))) + ((v464 * v527) - (v466 *
@@ -607,7 +613,7 @@ INSIDE hold_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v95 = H(10) * ((R(0.5) * v89) * (F(tanh)(R(100.0) * v89) + R(1.0)));
         held[0][i] = H(7) * (v87 - v95);
         held[1][i] = H(8) * (v87 + v95);
-        held[2][i] = F(sin)(delta + R(1.5707963267948966));
+        held[2][i] = COS(delta);
         held[3][i] = F(sin)(delta);
     }
 }
@@ -638,7 +644,7 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v153 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * om) - vy,
             F(fmax)(v116 + EXP((R(-3.0) * vx) * vx), H(21)))));
         const real v156 = (v148 * v100) + (v142 * v101);
-        const real v165 = F(sin)(eta + R(1.5707963267948966));
+        const real v165 = COS(eta);
         const real v166 = F(sin)(eta);
         const real v175 = ((((H(18) * v141) + (v142 * v100)) - (v148 * v101)) * H(16)) + (om *
             vy);
@@ -659,7 +665,7 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v234 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v187) - v185,
             F(fmax)(v198 + EXP((R(-3.0) * v183) * v183), H(21)))));
         const real v237 = (v229 * v100) + (v223 * v101);
-        const real v246 = F(sin)(v181 + R(1.5707963267948966));
+        const real v246 = COS(v181);
         const real v247 = F(sin)(v181);
         const real v256 = ((((H(18) * v222) + (v223 * v100)) - (v229 * v101)) * H(16)) + (v187 *
             v185);
@@ -680,7 +686,7 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v315 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v268) - v266,
             F(fmax)(v279 + EXP((R(-3.0) * v264) * v264), H(21)))));
         const real v318 = (v310 * v100) + (v304 * v101);
-        const real v327 = F(sin)(v262 + R(1.5707963267948966));
+        const real v327 = COS(v262);
         const real v328 = F(sin)(v262);
         const real v337 = ((((H(18) * v303) + (v304 * v100)) - (v310 * v101)) * H(16)) + (v268 *
             v266);
@@ -701,7 +707,7 @@ INSIDE step_motion_dynamic_axle_upstream_rk4(int64_t w, int64_t ldh, const real 
         const real v396 = H(20) * F(sin)(H(13) * F(atan)(H(14) * F(atan2)((H(1) * v349) - v347,
             F(fmax)(v360 + EXP((R(-3.0) * v345) * v345), H(21)))));
         const real v399 = (v391 * v100) + (v385 * v101);
-        const real v408 = F(sin)(v343 + R(1.5707963267948966));
+        const real v408 = COS(v343);
         const real v409 = F(sin)(v343);
         state[0][i] = x + (H(23) * ((((vx * v165) - (vy * v166)) + (R(2.0) * (((v183 * v246) -
             (v185 * v247)) + ((v264 * v327) - (v266 * v328))))) + ((v345 * v408) - (v347 *
@@ -811,7 +817,7 @@ INSIDE step_car_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v183 = (vx * F(tan)(((v78 * H(11)) * F(tanh)(H(10) * v72)) + (((R(1.0) - v78) *
             H(13)) * F(tanh)(H(14) * v72)))) * H(16);
         const real v184 = H(1) * v183;
-        const real v185 = F(sin)(eta + R(1.5707963267948966));
+        const real v185 = COS(eta);
         const real v186 = F(sin)(eta);
         const real v206 = (((H(6) * (v146 - v154)) - ((H(7) * (v146 + v154)) * vx)) + (-((H(2) *
             F(tanh)(H(3) * vx)) + ((H(4) + (H(5) * F(fabs)(vx))) * vx)))) * H(17);
@@ -819,7 +825,7 @@ INSIDE step_car_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v210 = vx + (H(22) * v206);
         const real v212 = (v210 * v178) * H(16);
         const real v213 = H(1) * v212;
-        const real v214 = F(sin)(v208 + R(1.5707963267948966));
+        const real v214 = COS(v208);
         const real v215 = F(sin)(v208);
         const real v234 = ((v175 - (v177 * v210)) + (-((H(2) * F(tanh)(H(3) * v210)) + ((H(4) +
             (H(5) * F(fabs)(v210))) * v210)))) * H(17);
@@ -827,7 +833,7 @@ INSIDE step_car_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v238 = vx + (H(22) * v234);
         const real v240 = (v238 * v178) * H(16);
         const real v241 = H(1) * v240;
-        const real v242 = F(sin)(v236 + R(1.5707963267948966));
+        const real v242 = COS(v236);
         const real v243 = F(sin)(v236);
         const real v262 = ((v175 - (v177 * v238)) + (-((H(2) * F(tanh)(H(3) * v238)) + ((H(4) +
             (H(5) * F(fabs)(v238))) * v238)))) * H(17);
@@ -835,7 +841,7 @@ INSIDE step_car_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v266 = vx + (H(15) * v262);
         const real v268 = (v266 * v140) * H(16);
         const real v269 = H(1) * v268;
-        const real v270 = F(sin)(v264 + R(1.5707963267948966));
+        const real v270 = COS(v264);
         const real v271 = F(sin)(v264);
         const real v315 = vx + (H(23) * ((v206 + (R(2.0) * (v234 + v262))) + ((((H(6) * (v127 -
             v135)) - ((H(7) * (v127 + v135)) * v266)) + (-((H(2) * F(tanh)(H(3) * v266)) + ((H(4)
@@ -919,7 +925,7 @@ INSIDE step_motion_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v61 = held[2][i];
         const real v66 = (vx * v61) * H(11);
         const real v67 = H(1) * v66;
-        const real v68 = F(sin)(eta + R(1.5707963267948966));
+        const real v68 = COS(eta);
         const real v69 = F(sin)(eta);
         const real v89 = ((v58 - (v60 * vx)) + (-((H(2) * F(tanh)(H(3) * vx)) + ((H(4) + (H(5) *
             F(fabs)(vx))) * vx)))) * H(12);
@@ -927,7 +933,7 @@ INSIDE step_motion_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v93 = vx + (H(13) * v89);
         const real v95 = (v93 * v61) * H(11);
         const real v96 = H(1) * v95;
-        const real v97 = F(sin)(v91 + R(1.5707963267948966));
+        const real v97 = COS(v91);
         const real v98 = F(sin)(v91);
         const real v117 = ((v58 - (v60 * v93)) + (-((H(2) * F(tanh)(H(3) * v93)) + ((H(4) + (H(5)
             * F(fabs)(v93))) * v93)))) * H(12);
@@ -935,7 +941,7 @@ INSIDE step_motion_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v121 = vx + (H(13) * v117);
         const real v123 = (v121 * v61) * H(11);
         const real v124 = H(1) * v123;
-        const real v125 = F(sin)(v119 + R(1.5707963267948966));
+        const real v125 = COS(v119);
         const real v126 = F(sin)(v119);
         const real v145 = ((v58 - (v60 * v121)) + (-((H(2) * F(tanh)(H(3) * v121)) + ((H(4) +
             (H(5) * F(fabs)(v121))) * v121)))) * H(12);
@@ -943,7 +949,7 @@ INSIDE step_motion_kinematic_rk4(int64_t w, int64_t ldh, const real *restrict h,
         const real v149 = vx + (H(10) * v145);
         const real v151 = (v149 * v61) * H(11);
         const real v152 = H(1) * v151;
-        const real v153 = F(sin)(v147 + R(1.5707963267948966));
+        const real v153 = COS(v147);
         const real v154 = F(sin)(v147);
         const real v198 = vx + (H(14) * ((v89 + (R(2.0) * (v117 + v145))) + (((v58 - (v60 * v149))
             + (-((H(2) * F(tanh)(H(3) * v149)) + ((H(4) + (H(5) * F(fabs)(v149))) * v149)))) *

@@ -17,15 +17,16 @@ from dart_hal.vehicle.native.build import CannotCompile, Variant
 from dart_hal.vehicle.native.call import Array, align_coefficients, call
 from dart_hal.vehicle.native.check import check
 from dart_hal.vehicle.native.library import NATIVE_SWITCH, Job, Run, is_switched_off, load
-from dart_hal.vehicle.native.model import coefficients, form_of, trace
+from dart_hal.vehicle.native.model import STATE_NAMES, coefficients, form_of, trace
 from dart_hal.vehicle.parameters import Vehicle
 
 
 class CompiledStep:
     """The step of one vehicle, or of a stack of them, ready to run.
 
-    kind: "car" (8 states; throttle and steering command) or "motion" (6 states;
-    throttle and road-wheel angle behind the actuators); dt [s] of a step.
+    kind: "car" (8 states; throttle and steering command), "motion" (6 states;
+    throttle and road-wheel angle behind the actuators) or "tick" (9 states; see
+    ``make_tick_step``; equal to the Python step to the last bit); dt [s] of a step.
     Raises CannotCompile where numpy has to do it.
     """
 
@@ -62,13 +63,13 @@ class CompiledStep:
 
 def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,
                      method: str = "rk4") -> Callable[..., tuple[float, ...]]:
-    """``step(*state, first, second) -> state`` of one car in f64, as ``make_car_step`` over math.
+    """``step(*state, first, second) -> state`` of one car in f64, as that of ``vehicle.step``.
 
     Takes and returns floats. Not for two threads at once. Raises CannotCompile
     where the Python step has to do it.
     """
     kernel = CompiledStep(p, kind, dt, np.float64, method)
-    n = 8 if kind == "car" else 6
+    n = len(STATE_NAMES[kind])
     memory = (ctypes.c_double * (n + 2))()
     at = ctypes.c_int64(1)
     state = ctypes.addressof(memory)
@@ -99,7 +100,7 @@ class KernelLookup(NamedTuple):
 def find_kernel(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> KernelLookup:
     """The kernel of a form, once it gave what the Python equations give; cached."""
     traced = trace(form, kind, method)
-    variant = Variant(bits, lanes)
+    variant = Variant(bits, lanes, exact=kind == "tick")
     try:
         run, origin = load(traced, variant)
         check(run, traced, variant, form, kind, method)

@@ -1,4 +1,4 @@
-"""The two steps of ``vehicle.step`` as graphs: what a kernel computes and from what."""
+"""The steps of ``vehicle.step`` as graphs: what a kernel computes and from what."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from dart_hal.vehicle.flat import bind, values
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, find_dependencies
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
-from dart_hal.vehicle.step import make_car_step, make_motion_step
+from dart_hal.vehicle.step import make_car_step, make_motion_step, make_tick_step
 
 DT_SYMBOL = "dt"
 # N; replaces the infinite limit of a linear rear tyre, because -ffast-math excludes infinity.
 MAX_FORCE = 1e30
 STATE_NAMES = {"car": ("x", "y", "eta", "vx", "vy", "om", "tau", "s"),
-          "motion": ("x", "y", "eta", "vx", "vy", "om")}
-INPUT_NAMES = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta")}
-STEP_FACTORIES: dict[str, Callable[..., Any]] = {"car": make_car_step, "motion": make_motion_step}
+          "motion": ("x", "y", "eta", "vx", "vy", "om"),
+          "tick": ("x", "y", "eta", "vx", "vy", "om", "k0", "k1", "brake")}
+INPUT_NAMES = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta"),
+               "tick": ("cos_d", "sin_d")}
+STEP_FACTORIES: dict[str, Callable[..., Any]] = {
+    "car": make_car_step, "motion": make_motion_step, "tick": make_tick_step}
 
 
 @dataclass(frozen=True, slots=True)
