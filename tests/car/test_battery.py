@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from math import nan
 
+import numpy as np
 import pytest
 
 from dart_hal.car import Car, join
@@ -17,6 +18,7 @@ from dart_hal.car.battery import (
     BatteryMonitor,
     RecordedBattery,
 )
+from dart_hal.car.runs import read_run
 from dart_hal.core.config.car import BatteryConfig
 from dart_hal.core.errors import BusError, ConfigError, UsageError
 from dart_hal.core.url import Url
@@ -24,6 +26,7 @@ from dart_hal.devices.battery.ina219 import check_ina219, decode_voltage
 from dart_hal.devices.links.base import open_backend
 from dart_hal.fleet.peers import Peers
 from dart_hal.fleet.transports.local import open_local
+from dart_hal.recording.run import RunReader
 from dart_lab.live.view.told import status_message
 from dart_lab.sim.battery import Ina219Model, SimBattery, parse_battery
 from dart_lab.sim.truth import world_of
@@ -234,6 +237,31 @@ def test_a_recording_without_a_sensor_has_no_channel(tmp_path):
     with Car.open(f"replay://{run}") as again:
         assert {s.battery for s in again.states()} == {None}
     assert b"/battery" not in run.read_bytes()
+
+
+@pytest.mark.parametrize(("silence", "measured"), [(0.0, True), (1.5, True), (3.5, False)])
+def test_a_read_run_has_a_voltage_that_was_measured_throughout(tmp_path, silence, measured):
+    def lose(driven, state):
+        driven.chip.absent = 1.5 < driven.world.t < 1.5 + silence
+
+    Drive("charge=0.8,resistance=0.1", seconds=4.0, change=lose, record=tmp_path / "run.mcap")
+    battery = read_run(tmp_path / "run.mcap").battery
+    assert (battery is not None) == measured
+    if battery is not None:
+        # 1 A at rest, 8.5 A at half throttle: 0.75 V of 7.94 V - 0.1 V less.
+        standing, driving = battery.sag(np.array([0.5, 4.0]))
+        assert standing == pytest.approx(0.0, abs=0.001)
+        assert driving == pytest.approx(0.75 / 7.94, abs=0.01)
+
+
+def test_the_voltage_of_a_filmed_run_is_on_the_clock_of_its_poses(tmp_path):
+    run = tmp_path / "run.mcap"
+    with Car.open("sim://?seed=3&nano=mock&battery=1&mocap=1", record=run) as car:
+        list(car.states(duration=1.5))
+    filmed, plain = read_run(run), read_run(run, poses=False)
+    shift = next(RunReader(run).applied()).t - filmed.commands.t[0]
+    assert abs(shift) > 0.001
+    assert plain.battery.t - filmed.battery.t == pytest.approx(shift)
 
 
 def test_readings_come_at_their_low_rate_and_between_the_pulses():

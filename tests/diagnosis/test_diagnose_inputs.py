@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
+from dart_hal.recording.dart import BatteryVoltage
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
 from dart_lab.diagnosis.evidence.drive import prepare_drive
@@ -24,6 +25,17 @@ from tests.diagnosis import made_by_hand as made
 @pytest.fixture(scope="module")
 def drive():
     return made.recording()
+
+
+def test_a_voltage_that_not_all_recordings_have_is_not_used(drive):
+    battery = BatteryVoltage(np.array([0.0, 60.0]), np.array([8.0, 7.5]))
+    with_it = replace(drive, battery=battery)
+    one_without = check_inputs([with_it], [other(drive)], PAPER)
+    assert one_without.train[0].battery is None
+    assert any("1 of 2 recordings" in note for note in one_without.notes)
+    both = check_inputs([with_it], [other(with_it)], PAPER)
+    assert both.train[0].battery is both.test[0].battery is battery
+    assert not any("voltage" in note for note in both.notes)
 
 
 def other(recording, name="car_1_other.csv"):

@@ -29,9 +29,9 @@ EXACT = apply(replace(NOMINAL_VEHICLE, delay=replace(NOMINAL_VEHICLE.delay,
 """The simulated car of no seed, by the equations of the models."""
 
 
-def drive(path, effect):
-    url = "sim://?nano=mock" + (f"&effect={effect}" if effect else "")
-    any_car.drive(url, path, RUN_SECONDS, np.random.default_rng(5), held=2.5)
+def drive(path, effect, options="", seconds=RUN_SECONDS):
+    url = "sim://?nano=mock" + (f"&effect={effect}" if effect else "") + options
+    any_car.drive(url, path, seconds, np.random.default_rng(5), held=2.5)
     return read_run(path)
 
 
@@ -81,3 +81,33 @@ def test_a_run_is_diagnosed(run, tmp_path, effect):
     only = ("motor_gain", "rolling_resistance", "gyro_scale", "encoder_scale")
     found = diagnose(file, EXACT, sides.train, sides.test, refit=False, only=only)
     assert [c.effect for c in found.causes] == [effect.split(":")[0]] * bool(effect)
+
+
+@pytest.fixture(scope="module")
+def faded(tmp_path_factory):
+    """A run whose battery sags with the current and as it empties: its motor has the same share."""
+    return drive(tmp_path_factory.mktemp("runs") / "fade.mcap", "battery_fade:-0.1",
+                 "&battery=charge=1,capacity=0.1,resistance=0.1", 60.0)
+
+
+def fade_and_others(recording):
+    """Return (size of battery_fade, other causes)."""
+    sides = check_inputs([recording], [], EXACT)
+    found = diagnose(find_model("paper")[0], EXACT, sides.train, sides.test, refit=False,
+                     only=("battery_fade", "motor_gain", "rolling_resistance"))
+    causes = {c.effect: c.parameters["k"] for c in found.causes}
+    return causes.pop("battery_fade"), list(causes)
+
+
+@pytest.mark.slow
+def test_a_battery_fades_by_its_measured_voltage(faded):
+    k, others = fade_and_others(faded)
+    assert others == []
+    assert abs(k.value + 0.1) < 2.0 * k.std < 0.03
+
+
+@pytest.mark.long
+def test_control_without_its_voltage_the_fade_has_another_size_and_company(faded):
+    k, others = fade_and_others(replace(faded, battery=None))
+    assert others == ["motor_gain"]
+    assert abs(k.value + 0.1) > 2.0 * k.std

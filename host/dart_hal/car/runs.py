@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from dart_hal.estimation.odometry import GYRO_FILTER_DELAY
 from dart_hal.recording.dart import (
     RUN,
     AppliedCommands,
+    BatteryVoltage,
     Messages,
     Note,
     Recording,
@@ -50,6 +52,8 @@ FRAMES_PER_FINE_MESSAGE = 2
 MIN_FRAMES = 100
 # Replayed runs that are kept in memory: an hour of driving is 10 MB.
 MAX_CACHED_RUNS = 32
+# s without a reading of the battery up to which its voltage counts as measured: eight readings.
+MAX_BATTERY_GAP = 2.0
 # s by which an acceleration is older than the update of the yaw rate: its own filter of 62.5 Hz,
 # and it is read before the gyro.
 ACCEL_DELAY = 0.0025 + DEFAULT_GYRO_READ[0]
@@ -57,6 +61,9 @@ ACCEL_DELAY = 0.0025 + DEFAULT_GYRO_READ[0]
 MASS_NOTE = "mass"
 # Files of a folder that are read.
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
+
+
+Timed = TypeVar("Timed", AppliedCommands, BatteryVoltage)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,13 +110,15 @@ def read_unframed(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: b
         return note_false_lock(Recording(
             path, RUN, shift_arrivals(run.moments, start - latency), mocap, "ok", None, digest,
             tuple(notes), mass=_read_mass(path), marker=marker, car=run.car,
-            commands=_shift_commands(run.commands, start - latency)))
+            commands=_shift_times(run.commands, start - latency),
+            battery=_shift_times(run.battery, start - latency)))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
                                                        else "all used")), *file_notes, *lost]
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path, car)[:2], every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_read_mass(path), span=every * SAMPLE, car=run.car)
+                     mass=_read_mass(path), span=every * SAMPLE, car=run.car,
+                     battery=run.battery)
 
 
 @lru_cache(maxsize=MAX_CACHED_RUNS)
@@ -131,7 +140,7 @@ class _Run:
     messages: by frames per message. moments: messages of the values at the time stamps.
     marker: marker frame and latency [s] of the poses, if calibrated. car: its car.toml.
     notices: about the files that are used. commands: by the times of their writes, None without
-    any.
+    any. battery: None without a voltage, or with gaps.
     """
 
     frames: int
@@ -143,6 +152,7 @@ class _Run:
     car: CarConfig
     notices: tuple[str, ...]
     commands: AppliedCommands | None
+    battery: BatteryVoltage | None
 
 
 @lru_cache(maxsize=MAX_CACHED_RUNS)
@@ -154,7 +164,8 @@ def _replay_run(path: Path, digest: str, car: NamedCar) -> _Run:
                  for every in (FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE)},
                 _moments(states, files), tuple(RunReader(path).poses()),
                 marker_calibration(files.calibration), files.config, notices,
-                _written_commands(path, files))
+                _written_commands(path, files),
+                _battery_voltage(path, states[0].t, states[-1].t))
 
 
 def _written_commands(path: Path, files: CarFiles) -> AppliedCommands | None:
@@ -173,9 +184,21 @@ def _written_commands(path: Path, files: CarFiles) -> AppliedCommands | None:
         freeze(np.round(remove_dithering(steering, count), 6)))
 
 
-def _shift_commands(commands: AppliedCommands | None, start: float) -> AppliedCommands | None:
-    """Return commands on the clock of a mocap that starts at ``start`` [s]."""
-    return None if commands is None else replace(commands, t=freeze(commands.t - start))
+def _battery_voltage(path: Path, first: float, last: float) -> BatteryVoltage | None:
+    """Return the voltage from ``first`` to ``last`` [s], None unless it is measured throughout."""
+    readings = np.array([r for r in RunReader(path).battery() if np.isfinite(r[1]) and r[1] > 0.0])
+    if not len(readings):
+        return None
+    t, voltage = readings.T
+    within = t[(t >= first) & (t <= last)]
+    if np.diff(np.concatenate([[first], within, [last]])).max() > MAX_BATTERY_GAP:
+        return None
+    return BatteryVoltage(freeze(t), freeze(voltage))
+
+
+def _shift_times(series: Timed | None, start: float) -> Timed | None:
+    """Return a series on the clock of a mocap that starts at ``start`` [s]."""
+    return None if series is None else replace(series, t=freeze(series.t - start))
 
 
 def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[str, ...]]:

@@ -81,6 +81,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     sets = [[drop_dead_gyro(r, notes, policy) for r in part] for part in sets]
     sets = _select_kind(sets, notes)
     sets = [_drop_stationary(part, notes) for part in sets]
+    sets = _battery_of_all(sets, notes)
     _check_duration(sets[0], policy.train_s, "train")
     if test:
         _check_duration(sets[1], policy.test_s, "test")
@@ -220,6 +221,17 @@ def _drop_stationary(recordings: list[Recording], notes: list[str]) -> list[Reco
     if len(driving) < len(recordings):
         notes.append(f"{shorten_list([r.name for r in still])}: the car is at rest, left out")
     return driving
+
+
+def _battery_of_all(sets: list[list[Recording]], notes: list[str]) -> list[list[Recording]]:
+    """Keep the voltage of the battery if all recordings have it, so that battery_fade is one law.
+    """
+    measured = [r.battery is not None for part in sets for r in part]
+    if all(measured) or not any(measured):
+        return sets
+    notes.append(f"the voltage of the battery is not used: {measured.count(False)} of "
+                 f"{len(measured)} recordings do not have it throughout")
+    return [[replace(r, battery=None) for r in part] for part in sets]
 
 
 def _check_duration(recordings: Sequence[Recording], min_s: float, which: str) -> None:

@@ -84,7 +84,7 @@ def open_sim(url: Url) -> Backend:
     world = World(car, nano, resolved.model, _parse_tick(url, resolved.model), cutoff)
     pack = parse_battery(url.options.get("battery", "0"))
     if pack is not None:
-        battery = SimBattery(world, pack)
+        world.battery = battery = SimBattery(world, pack)
         if pack.at_nano:
             world.divider = SimDivider(battery, world)
         else:

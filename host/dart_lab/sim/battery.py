@@ -4,7 +4,7 @@
 
 A straight line from 3.3 to 4.2 V per cell over the charge q is a rough shape of a lithium cell
 between 5 and 100 %. The motor of the world does not become weaker: ``effect=battery_fade`` does
-that.
+that, by this voltage.
 """
 
 from __future__ import annotations
@@ -81,7 +81,13 @@ class SimBattery:
         self.charge = params.charge
         self._world = world
         self._params = params
+        self._first = self.voltage
         world.schedule(0.0, self._step)
+
+    @property
+    def sag(self) -> float:
+        """Return by which share of its first value the voltage is lower."""
+        return 1.0 - self.voltage / self._first
 
     @property
     def current(self) -> float:

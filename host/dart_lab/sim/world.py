@@ -18,7 +18,7 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle import Vehicle
-from dart_lab.sim.battery import SimDivider
+from dart_lab.sim.battery import SimBattery, SimDivider
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.cutoff import Multiplexer, make_wiring
 from dart_lab.sim.esc import DelayedEsc, Esc
@@ -79,10 +79,11 @@ class World:
 
     ``trail``: called every 5 ms with t [s] and x, y [m], yaw [rad] of the rear axle;
     ``wheel_direction``: last direction of the wheels, 1 forward, -1 backward, 0 before the first
-    motion; ``receiver``: of an RC transmitter, or None; ``divider``: of the battery at the Nano,
-    or None; ``blocked``: a wheel is blocked; ``lifted``: the car with its wheels off the ground, or
-    None; ``can_be_lifted`` False: ``lift`` has no effect; ``hand_rate`` [rad/s]: a hand turns the
-    car on the spot, 0 for none. Effects are part of ``car``, see ``dart_lab.sim.true_car``.
+    motion; ``receiver``: of an RC transmitter, or None; ``battery``: one that is measured, or None;
+    ``divider``: of the battery at the Nano, or None; ``blocked``: a wheel is blocked; ``lifted``:
+    the car with its wheels off the ground, or None; ``can_be_lifted`` False: ``lift`` has no
+    effect; ``hand_rate`` [rad/s]: a hand turns the car on the spot, 0 for none. Effects are part of
+    ``car``, see ``dart_lab.sim.true_car``.
     """
 
     def __init__(self, car: HiddenCar, nano: Nano, model: str = "dynamic",
@@ -114,6 +115,7 @@ class World:
         self.trail: Callable[[float, float, float, float], None] | None = None
         self._agenda: list[tuple[float, int, Callable[[World], None]]] = []
         self.receiver: SimReceiver | None = None
+        self.battery: SimBattery | None = None
         self.divider: SimDivider | None = None
         self._pin_edges: list[PinInput] = []
         self._imu = Imu(car.imu, car.vehicle.body.l_r, tick,
@@ -215,7 +217,8 @@ class World:
             throttle = 0.0
             brake = BLOCKING_FORCE
         if effects is not None:
-            throttle = effects.throttle(now, throttle)
+            throttle = effects.throttle(now, throttle,
+                                        None if self.battery is None else self.battery.sag)
         lifted = self.lifted
         if self.hand_rate:
             mean = MeanMotion(0.0, 0.0, 0.0, self.hand_rate, 0.0)

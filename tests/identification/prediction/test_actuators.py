@@ -105,12 +105,12 @@ def carrying(p, *values, **hooks):
 
 
 @pytest.mark.parametrize("name", [n for n, e in catalogue().items() if "steering" in e.signals])
-def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(name):
+def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(empty, name):
     """The diagnosis keeps it while map, tyres and motor move."""
-    s, t = np.random.default_rng(5).uniform(-1, 1, 100), np.arange(100) * 0.01
+    s, g = np.random.default_rng(5).uniform(-1, 1, 100), empty(100)
     k = catalogue()[name].parameters[0].sizes[2]
     other = replace(UPSTREAM_2024, steering=replace(PAPER.steering, k_left=3.0))
-    a, b = (apply_command_effects(apply(p, name, k=k), "steering", s, t, "mean") for p
+    a, b = (apply_command_effects(apply(p, name, k=k), "steering", s, g, "mean") for p
             in (PAPER, other))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, s)

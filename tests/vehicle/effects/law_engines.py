@@ -146,7 +146,9 @@ def evaluate_forces_compiled(effects, laws, folder):
 # signals: series by channel
 
 def _now(law, n):
-    return Now(**{k: np.asarray(law.state.get(k, np.zeros(n)), dtype=float) for k in Now._fields})
+    """Return what a hook may know; the voltage of the battery only if the law has it."""
+    return Now(**{k: np.asarray(law.state.get(k, np.zeros(n)), dtype=float) for k in Now._fields
+                  if k != "sag" or k in law.state})
 
 
 def _series(law, channel):
@@ -199,8 +201,8 @@ def evaluate_step_by_step(tested, law):
         stepper = Stepper(p, channel, LAW_SAMPLE_TIME)
         rows = list(zip(*series, strict=True)) if isinstance(series, tuple) else series.tolist()
         results[channel] = np.array([
-            stepper(row, Now(*here)) for row, here in zip(rows, zip(*now, strict=True),
-                                                          strict=True)]).T
+            stepper(row, Now(*(None if series is None else series[i] for series in now)))
+            for i, row in enumerate(rows)]).T
     return results
 
 

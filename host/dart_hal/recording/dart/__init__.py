@@ -5,7 +5,7 @@ from __future__ import annotations
 from .frames import with_marker_frames
 from .grid import Grid, grid
 from .marker import savgol_derivative
-from .model import RUN, AppliedCommands, Messages, Mocap, Note, Recording, Reference
+from .model import RUN, AppliedCommands, BatteryVoltage, Messages, Mocap, Note, Recording, Reference
 from .quantum import encoder_quantum
 from .reader import read, read_all
 from .reference import fit_reference, reference_for, rolling_reference
@@ -13,6 +13,7 @@ from .reference import fit_reference, reference_for, rolling_reference
 __all__ = [
            "RUN",
            "AppliedCommands",
+           "BatteryVoltage",
            "Grid",
            "Messages",
            "Mocap",

@@ -166,6 +166,23 @@ class AppliedCommands:
 
 
 @dataclass(frozen=True, slots=True)
+class BatteryVoltage:
+    """Measured voltage (m,) [V] of the battery at t (m,) s, on the clock of the recording."""
+
+    t: FloatArray
+    voltage: FloatArray
+
+    def sag(self, t: FloatArray) -> FloatArray:
+        """Compute by which share of its first value the voltage is lower at t (n,) s.
+
+        The first value is the median of the first second of readings. Between two readings the
+        voltage is interpolated; before the first and after the last one it is held.
+        """
+        first = np.median(self.voltage[self.t < self.t[0] + 1.0])
+        return 1.0 - np.interp(t, self.t, self.voltage) / float(first)
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One recording.
 
@@ -186,6 +203,7 @@ class Recording:
     drive: "duty": throttles are -1..1; "speed": they are the commanded speeds [m/s] of a speed
     loop, also in ``messages`` and ``commands``.
     steering_scale: logged steering angle [rad] of the command 1; None: the log has no angle.
+    battery: its voltage if measured throughout.
     """
 
     path: Path
@@ -207,6 +225,7 @@ class Recording:
     spans: tuple[tuple[float, float], ...] = ()
     drive: str = "duty"
     steering_scale: float | None = None
+    battery: BatteryVoltage | None = None
 
     @property
     def name(self) -> str:

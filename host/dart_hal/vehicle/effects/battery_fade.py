@@ -1,11 +1,15 @@
 """Battery fade: the motor becomes weaker while the car drives.
 
-    F_m (1 + k t / 100 s)
+    F_m (1 + k d)
+    d = (1 - V / V_0) / 10 %    where the voltage V of the battery is measured; V_0: its first value
+    d = t / 100 s               elsewhere
 
 As a signal, this is the throttle that gives the same force. The force is proportional to the
 dead-band output T(tau) - T(-tau), so the throttle becomes
 
-    tau + (k t / 100 s) (T(tau) - T(-tau))
+    tau + k d (T(tau) - T(-tau))
+
+A motor whose force is proportional to the voltage has k = -0.1 where that is measured.
 """
 
 from __future__ import annotations
@@ -23,7 +27,8 @@ def fade_throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], 
 
     def signal(v: Value, now: Now) -> Value:
         effective = band(v) - band(-v)
-        return v + 0.01 * k * now.t * effective
+        decline = 0.01 * now.t if now.sag is None else 10.0 * now.sag
+        return v + k * decline * effective
 
     return signal
 
@@ -36,8 +41,9 @@ EFFECT = Effect(
     stage="actuator",
     duty_only=True,
     acts_along=("time", "throttle"),
-    parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
-                          meaning="change of the motor force in 100 s of driving"),),
+    parameters=(Parameter("k", "relative", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
+                          meaning="change of the motor force in 100 s of driving, or by 10 % less "
+                                  "voltage where that is measured"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),
     experiment="Throttle steps at start and end of a drive. Coasting does not change.",
     signals={"throttle": Static(fade_throttle)},

@@ -83,7 +83,8 @@ def prepare_stretches(recording: Recording, policy: EvidencePolicy = USUAL.evide
 def _read_run_messages(recording: Recording) -> tuple[Recording, Messages]:
     """Return a run in messages of 0.1 s, and its finest messages that carry commands."""
     coarse = (recording if recording.span > FINE_SPAN_S
-              else replace(read_run(recording.path, FRAMES, poses=False), spans=recording.spans))
+              else replace(read_run(recording.path, FRAMES, poses=False), spans=recording.spans,
+                           battery=recording.battery))
     fine = finer(coarse).messages
     # A run logs a command with the end of its time, but here it must have the begin.
     begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
@@ -99,7 +100,9 @@ def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
     samples = (sent[rows] - zero) / SAMPLE
     g = _integrate_sensors(m, rows, samples, zero - sent[0], mean_s)
     commanded, c = commands
+    battery = recording.battery
     g = replace(g, scale=recording.scale,
+                sag=None if battery is None else battery.sag(zero + np.arange(len(g)) * SAMPLE),
                 throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])

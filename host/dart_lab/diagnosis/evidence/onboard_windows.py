@@ -56,7 +56,7 @@ def throttle_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming) ->
 def steering_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming, servo: FloatArray
                     ) -> ActuatorOutput:
     """Return the road-wheel angle with all effects, in FINE steps per sample; servo (n,)."""
-    series = road_wheel_angle(q, servo, drive.grid.t, "mean")
+    series = road_wheel_angle(q, servo, drive.grid, "mean")
     return ActuatorOutput(series,
                           average_substeps(series, _samples(drive) - timing.message_age / SAMPLE))
 
@@ -67,7 +67,7 @@ def actuator_means(drive: OnboardStretch, q: Vehicle, channel: str, timing: Mess
     delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     command = spread_over(getattr(drive.grid, channel), timing.age_spread)
     lagged = first_order_lag(delay_command(command, delay, smooth=True), lag, "mean")
-    return apply_command_effects(q, channel, lagged, drive.grid.t, "mean")
+    return apply_command_effects(q, channel, lagged, drive.grid, "mean")
 
 
 def _samples(drive: OnboardStretch) -> FloatArray:

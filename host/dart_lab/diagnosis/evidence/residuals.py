@@ -326,7 +326,7 @@ class Evidence:
     def _pass_actuator(self, stage: Callable[..., FloatArray], series: Sequence[FloatArray]
                        ) -> list[FloatArray]:
         """Pass a series of each drive through a stage of its actuator, in means over samples."""
-        return [stage(one, drive.grid.t, "mean")
+        return [stage(one, drive.grid, "mean")
                 for drive, one in zip(self.drives, series, strict=True)]
 
     def _delay_and_lag(self, channel: str, delay: float, lag: float, age_spread: float
@@ -357,7 +357,7 @@ class Evidence:
         if _effects_on(p, frozenset({signal})):  # such an effect may depend on the wheel force
             throttle = partial(
                 self._cached_part, ("whole throttle", *throttle_key(p, q)),
-                lambda: [behind_actuator(p, "throttle", d.grid.throttle, d.grid.t, smooth=True)
+                lambda: [behind_actuator(p, "throttle", d.grid.throttle, d.grid, smooth=True)
                          for d in self.drives])
             motion = self._cached_part(
                 ("pulled", *key, q.motor, q.friction, *throttle_key(p, q)),

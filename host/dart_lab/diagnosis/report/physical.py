@@ -12,7 +12,7 @@ from dart_lab.report.numbers import significant, with_error
 
 # By unit of the catalogue: factor and unit of the report.
 SCALES: Mapping[str, tuple[float, str]] = {
-    "relative": (100.0, "%"), "1/100 s": (100.0, "%"), "s": (1000.0, "ms"), "m": (1000.0, "mm"),
+    "relative": (100.0, "%"), "s": (1000.0, "ms"), "m": (1000.0, "mm"),
     "-": (1.0, ""), "share": (1.0, "")}
 # By unit: the same size in ordinary driving.
 EXAMPLES: Mapping[str, Callable[[float], str]] = {

@@ -39,15 +39,15 @@ def delay_command(command: FloatArray, delay: float, smooth: bool = False) -> Fl
 def actuator_outputs(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
                      ) -> tuple[FloatArray, FloatArray]:
     """Simulate (throttle -1..1, road-wheel angle [rad]) of a recording, (n,) each."""
-    throttle, angle = (behind_actuator(p, channel, command, g.t, smooth=smooth, sampled=sampled)
+    throttle, angle = (behind_actuator(p, channel, command, g, smooth=smooth, sampled=sampled)
                        for channel, command in (("throttle", g.throttle),
                                                 ("steering", g.steering)))
     return throttle, angle
 
 
-def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray, *,
+def behind_actuator(p: Vehicle, channel: str, command: FloatArray, g: Grid, *,
                     smooth: bool = False, sampled: Sampled = "start") -> FloatArray:
-    """Simulate one actuator at times t (n,): "throttle", or for "steering" the angle [rad].
+    """Simulate one actuator at the times of g (n,): "throttle", or for "steering" the angle [rad].
 
     smooth: as ``delay_command``. As open-loop evaluation is defined, a sample holds the output of
     a lag at its start (5 ms old in the mean) and the output of an effect with a memory at its end
@@ -57,45 +57,48 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
     p = apply_parameter_effects(p)
     delay, lag = (getattr(p.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     lagged = first_order_lag(delay_command(command, delay, smooth), lag, sampled)
-    return behind_lag(p, channel, lagged, t, sampled)
+    return behind_lag(p, channel, lagged, g, sampled)
 
 
-def behind_lag(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+def behind_lag(p: Vehicle, channel: str, series: FloatArray, g: Grid,
                sampled: Sampled = "start") -> FloatArray:
     """Simulate ``behind_actuator`` from the output (n,) of delay and lag on.
 
     p: with its parameter effects applied.
     """
-    series = apply_command_effects(p, channel, series, t, sampled)
-    return series if channel == "throttle" else road_wheel_angle(p, series, t, sampled)
+    series = apply_command_effects(p, channel, series, g, sampled)
+    return series if channel == "throttle" else road_wheel_angle(p, series, g, sampled)
 
 
-def apply_command_effects(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+def apply_command_effects(p: Vehicle, channel: str, series: FloatArray, g: Grid,
                           sampled: Sampled = "start") -> FloatArray:
     """Apply the effects on a command to the output (n,) of delay and lag: the servo's position.
 
     The steering depends on no other part of the vehicle there.
     """
-    return _apply_effects(p, channel, series, t, sampled)
+    return _apply_effects(p, channel, series, g, sampled)
 
 
-def road_wheel_angle(p: Vehicle, servo: FloatArray, t: FloatArray, sampled: Sampled = "start"
+def road_wheel_angle(p: Vehicle, servo: FloatArray, g: Grid, sampled: Sampled = "start"
                      ) -> FloatArray:
     """Compute the road-wheel angle (n,) [rad] from the servo's position (n,): map and linkage."""
-    return _apply_effects(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(servo)), t,
+    return _apply_effects(p, "angle", np.asarray(make_steering(p.steering, ARRAY)(servo)), g,
                           sampled)
 
 
-def _apply_effects(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
+def _apply_effects(p: Vehicle, channel: str, series: FloatArray, g: Grid,
                    sampled: Sampled) -> FloatArray:
     """Apply the effects on a channel to a series (n,), in their order."""
     remembers = any(isinstance(hook, Stateful) for _, hook in signals(p, channel))
+    t = g.t
+    sag = g.sag
     parts = PARTS if sampled == "mean" and remembers else 1
     if parts > 1:
         series = np.repeat(series, parts)
         t = (t[:, None] + np.arange(parts) * SAMPLE / parts).ravel()
+        sag = None if sag is None else np.repeat(sag, parts)
     # A hook that reads the motion gets NaN, which is detected below.
-    unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))
+    unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))._replace(sag=sag)
     out = np.asarray(channels.transform_signal(p, channel, series, unmoved, SAMPLE / parts))
     out = out.reshape(-1, parts).mean(axis=1) if parts > 1 else out
     if not np.isfinite(out).all():
