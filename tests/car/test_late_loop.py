@@ -149,7 +149,7 @@ def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
     wall = Wall()
     world = Counting()
     monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
-    paced = PacedLink(world, lambda: world.t, world.pass_time)
+    paced = PacedLink(world, lambda: world.t, world.pass_time, "take fewer")
     wall.t = 0.1
     assert paced.now() == pytest.approx(0.1)
     paced.write(b"x")
@@ -160,13 +160,23 @@ def test_a_world_that_cannot_keep_up_is_not_chased_and_reports_it_once(monkeypat
     wall = Wall()
     world = Counting()
     monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
-    paced = PacedLink(world, lambda: world.t, world.pass_time)
+    paced = PacedLink(world, lambda: world.t, world.pass_time, "take fewer")
     for wall.t in (10.0, 20.0):
         paced.now()
     assert world.t == 0.0
     wall.t += 0.1
     assert paced.now() == pytest.approx(0.1)
     assert len(caplog.messages) == 1
+    assert caplog.messages[0].endswith("take fewer")
+
+
+def test_a_world_that_cannot_keep_up_is_given_a_remedy_that_its_url_does_not_have(
+        monkeypatch, caplog):
+    backend = open_backend(MOCK_1_URL + "&pace=1")
+    monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", lambda: 1e9)
+    backend.clock.now()
+    assert "without pace=1" in caplog.text
+    assert "nano=mock" not in caplog.text
 
 
 @pytest.mark.slow

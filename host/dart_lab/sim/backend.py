@@ -186,7 +186,10 @@ def _start_pose(url: Url, seed: int) -> tuple[float, float, float]:
 
 def _pace_backend(backend: Backend, link: SimLink, world: World,
                   top: Callable[[], TopView]) -> Backend:
-    paced = PacedLink(link, lambda: link.now, link.sleep)
+    faster = ("without pace=1 in the URL it waits for its program"
+              if isinstance(world.nano, MockNano)
+              else "nano=mock in the URL is faster")
+    paced = PacedLink(link, lambda: link.now, link.sleep, faster)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
                    virtual=False, poses=backend.poses and PacedPoses(backend.poses, paced),
                    lidar=backend.lidar and PacedDevice(backend.lidar, paced),

@@ -34,15 +34,17 @@ Item = TypeVar("Item")
 class PacedLink(Link):
     """Link and Clock of ``link``, whose world is advanced by ``pass_time``; safe for threads.
 
-    ``lock``: locked while the world is accessed.
+    ``lock``: locked while the world is accessed. faster: what to do about a world that cannot keep
+    up, for its notice.
     """
 
     def __init__(self, link: Link, now: Callable[[], float],
-                 pass_time: Callable[[float], None]) -> None:
+                 pass_time: Callable[[float], None], faster: str) -> None:
         self.link = link
         self.lock = threading.RLock()
         self._now = now
         self._pass_time = pass_time
+        self._faster = faster
         self._start = time.monotonic() - now()
         self._slow = False
         self._quiet_until = 0.0
@@ -62,7 +64,8 @@ class PacedLink(Link):
         if not self._slow:
             self._slow = True
             log.warning("the emulation is slower than real time on this computer: its clock was "
-                        "moved by %.2f s; nano=mock in the URL is faster", lag)
+                        "moved by %.2f s, and a gap of the frames ends or delays arming; %s", lag,
+                        self._faster)
 
     def sleep(self, seconds: float) -> None:
         """Sleep in real time."""
