@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from fit_graphs import distance_from_fit
 
 from dart_hal.calibration import clock
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
@@ -24,7 +25,9 @@ def measured(url, tmp_path, begin=lambda world: None):
     backend = open_backend(url)
     with Car.over(backend, cars=tmp_path) as car:
         begin(world_of(backend))
-        return car.files, calibrate_clock(car).quantities[NAME]
+        found = calibrate_clock(car)
+        assert distance_from_fit(found.graph) < 0.01
+        return car.files, found.quantities[NAME]
 
 
 @pytest.mark.parametrize("url", [

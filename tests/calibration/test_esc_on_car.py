@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
+from fit_graphs import distance_from_fit
 
 from dart_hal.calibration import esc, esc_fit
 from dart_hal.calibration.esc import calibrate_esc
@@ -52,6 +53,11 @@ def test_a_hidden_esc_is_found(measured):
     assert result.quantities["throttle.neutral_us"].std < 0.3
     assert result.quantities["throttle.signal_loss"].std < 0.02
     assert result.others == {"throttle.reverse": "after_brake"}
+    graph = result.graph
+    assert distance_from_fit(graph) < 0.01
+    dead = result.quantities["throttle.deadband_forward_us"].value
+    assert np.ptp(graph.fit_x[graph.fit_y == 0.0]) == pytest.approx(2.0 * dead)
+    assert (np.sign(graph.y) == np.sign(graph.x - true["throttle.neutral_us"])).all()
     assert watched.world.lifted is None
     assert watched.pulled_after(watched.car._engine.now) < -0.4
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from fit_graphs import distance_from_fit
 
 from dart_hal.calibration.imu import calibrate_imu
 from dart_hal.calibration.imu_fit import GyroRest, MeasuredTurn, fit_axis, measure_rest, yaw_bias
@@ -40,6 +41,8 @@ def test_hidden_cars(tmp_path, seed):
     scale = result.quantities["imu.gyro_scale"]
     assert abs(scale.value - true["imu.gyro_scale"]) < 0.003
     assert scale.std < 0.0015
+    assert distance_from_fit(result.graph) < 0.1
+    assert np.ptp(result.graph.x) > 2.0, "the car speeds up and slows down"
 
 
 def test_control_an_uncalibrated_imu_misses_the_target():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
+from fit_graphs import distance_from_fit
 
 from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.latency_fit import GRID_STEP, mean_pulse
@@ -39,6 +40,8 @@ def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
     true = true_sensors(url)
     for name, found in result.quantities.items():
         assert abs(found.value - true[name]) < 3.5 * found.std, name
+    assert distance_from_fit(result.graph) < 0.03
+    assert np.ptp(result.graph.fit_y) == pytest.approx(1.0, abs=0.1)
     assert not make_speed_response(files).is_lag_known
     write(files, result)
     with Car.open(url, cars=tmp_path) as car:

@@ -110,6 +110,8 @@ def test_distances_off_by_a_percent_and_a_half_are_corrected_end_to_end(tmp_path
         got = found.quantities[f"lidar.{name}"]
         assert abs(got.value - true) < 4.0 * got.std
     assert found.quantities["lidar.mount_yaw"].std < np.radians(0.05)
+    # With the mount measured, the offset that is left is none.
+    assert np.hypot(np.median(found.graph.x), np.median(found.graph.y)) < 0.5  # mm
     after = localised()
     assert after["max_m"] <= 0.01
     assert after["yaw_rms_rad"] < np.radians(0.2)        # while delay and slip are learnt

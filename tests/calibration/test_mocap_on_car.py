@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
 
@@ -52,6 +53,8 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
         got = found.quantities[f"mocap.{name}"]
         assert abs(got.value - value) < 4.0 * got.std
         assert got.std < (3e-3 if name == "latency" else 1e-3)
+    assert np.median(found.graph.x) == pytest.approx(1e3 * true.lx, abs=1.0)
+    assert np.median(found.graph.y) == pytest.approx(1e3 * true.ly, abs=1.0)
     write(files, found)
     with Car.open(url, cars=tmp_path, record=tmp_path / "run.mcap") as car:
         car.arm()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dart_hal.calibration import order
-from dart_hal.calibration.measured import Measured
+from dart_hal.calibration.measured import FitGraph, Measured
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.cli.main import load_command
 from dart_hal.core import plugins
@@ -32,10 +33,10 @@ def test_each_value_has_one_line_with_interval_unit_and_verdict(tmp_path):
     text = path.read_text(encoding="utf-8")
     rows = [re.sub(r"<[^>]+>", "|", row) for row in text.split("<tr>") if "<wbr>" in row]
     cells = [[c for c in row.split("|") if c] for row in rows]
-    assert [row[:2] for row in cells] == [["imu.", "gyro_scale"], ["imu.", "mount_yaw"],
-                                          ["imu.", "gyro_bias"]]
-    assert [row[3] for row in cells] == ["as before", "changed by 0.1 rad", "new"]
-    assert cells[1][2] == "0.200\u00a0\u00b1\u00a00.016 rad"
+    assert [row[:3] for row in cells[:3]] == [["imu.", "gyro_", "scale"], ["imu.", "mount_", "yaw"],
+                                              ["imu.", "gyro_", "bias"]]
+    assert [row[4] for row in cells[:3]] == ["as before", "changed by 0.1 rad", "new"]
+    assert cells[1][3] == "0.200\u00a0\u00b1\u00a00.016 rad"
     assert text.index("<svg") < text.index("<table")
 
 
@@ -52,6 +53,18 @@ def test_map_is_drawn_over_its_samples(tmp_path):
     assert "Steering map over the measurements" in first
     assert "reached from the left" in first
     assert "angle at full left" in path.read_text(encoding="utf-8")
+
+
+def test_data_and_fit_come_before_the_intervals(tmp_path):
+    many = np.linspace(0.0, 1.0, 3000)
+    graph = FitGraph("Line", "x", "y", many, many, many[:2], many[:2], many[:2])
+    found = replace(make_result(gyro_scale=(1.0, 0.1)), graph=graph)
+    path = calibrate_page.write_page([found], path=tmp_path / "a.html", files=None, previous=None,
+                                     command="dart-hal calibrate imu")
+    first, rest = path.read_text(encoding="utf-8").split("<nav")
+    assert "<figcaption>Line" in first
+    assert 300 < first.count("before mark") <= 401
+    assert "All values and their intervals" in rest
 
 
 @pytest.mark.parametrize("name", [*order.PROCEDURE_NAMES, "all"])

@@ -9,6 +9,7 @@ the user enters a frequency that was measured with an instrument.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,11 @@ import numpy as np
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.ranges import MAX_CLOCK_STD, OSCILLATOR_HZ
 from dart_hal.core.errors import CalibrationFailed, UsageError
+from dart_hal.core.types import INTERVAL_90, FloatArray
 from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, NOMINAL_HZ, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-from .measured import Measured, map_outdated
+from .measured import FitGraph, Measured, map_outdated
 from .procedure import Bench, Condition, Option, Procedure, ProcedurePlan
 from .runner import driving
 from .sensor_log import SensorLog
@@ -88,8 +90,22 @@ def measure(bench: Bench, frequency: float | None = None, std: float | None = No
     found = Quantity(hertz, hertz * relative,
                      f"spare channel into D8, {CLOCK_CAPTURES * CLOCK_PERIODS} periods")
     difference = 100.0 * (1.0 / rate - 1.0)
-    return _make_result(files, bench.source, found, "the Nano's clock differs from the host's by "
-                        f"{difference:+.3f} %, corrected", seconds)
+    result = _make_result(files, bench.source, found, "the Nano's clock differs from the host's by "
+                          f"{difference:+.3f} %, corrected", seconds)
+    return replace(result, graph=_graph_periods(np.array(periods) * rate, found,
+                                                counter_of(files)[0]))
+
+
+def _graph_periods(periods: FloatArray, hertz: Quantity, prescale: int) -> FitGraph:
+    """Return how much later than by the nominal clock the pulses of each capture are."""
+    counts = COUNTS_PER_FRAME * (prescale + 1)
+    pulses = CLOCK_PERIODS * np.arange(len(periods) + 1.0)
+    behind = CLOCK_PERIODS * np.cumsum(np.append(0.0, periods - counts / NOMINAL_HZ))
+    late = counts / hertz.value - counts / NOMINAL_HZ
+    half = INTERVAL_90 * counts / hertz.value * hertz.std / hertz.value
+    return FitGraph("Pulses of this board against those of a nominal 25 MHz clock",
+                    "pulses counted", "later by [ms]", pulses, 1e3 * behind, pulses,
+                    1e3 * late * pulses, 1e3 * half * pulses)
 
 
 def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "") -> Measured:

@@ -23,7 +23,7 @@ from dart_hal.devices.actuation.limits import RAW_HIGH_US
 
 from .by_hand import check_wheels_by_hand
 from .clock import UNMEASURED_CLOCK_STD
-from .esc_fit import DriveForce, find_knee, fit_force
+from .esc_fit import DriveForce, find_knee, fit_force, graph_forces
 from .measured import Measured
 from .procedure import Bench, Condition, Procedure, ProcedurePlan, Progress
 from .sensor_log import SensorLog
@@ -135,7 +135,8 @@ def measure(bench: Bench) -> Measured:
         {f"throttle.{name}": q for name, q in found.quantities.items()},
         f"residual of the travel of the wheels: {1e3 * forward.rms:.2f} mm rms",
         next(iter(car.states())).t - start, tuple(found.notes),
-        others={"throttle.reverse": found.reverse})
+        others={"throttle.reverse": found.reverse},
+        graph=graph_forces([forward] if found.backward is None else [forward, found.backward]))
 
 
 # -- forward ---------------------------------------------------------------------

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -24,8 +24,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, curve_fit, least_squares
 
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.types import Estimate, FloatArray
+from dart_hal.core.types import INTERVAL_90, Estimate, FloatArray
 
+from .measured import FitGraph
 from .spin import PulseSpan
 
 # s after a change of the pulse: two PWM frames, and the delay of the ESC.
@@ -62,6 +63,7 @@ class DriveForce:
 
     begin [us]: pulse at which the drive begins. slope [m/s2 per us]: negative below neutral.
     a [m/s2], c [1/s]: friction. rms [m] of the residuals. lag [s] of the motor, 0 if negligible.
+    pulses [us], forces [m/s2] (n,): of each driven segment alone, at standstill.
     """
 
     begin: Estimate
@@ -70,6 +72,8 @@ class DriveForce:
     c: float
     rms: float
     lag: float = 0.0
+    pulses: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    forces: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
 
     def coasting_time(self, fast: float, slow: float, drag: float = 0.0) -> float:
         """Time [s] from one speed [m/s] to another without drive; ``drag`` [m/s2] less friction."""
@@ -162,7 +166,47 @@ def fit_force(spans: Sequence[PulseSpan], neutral: float) -> DriveForce:
             remedy="dart-hal doctor; run it again")
     model_std = LAG_MODEL_STD_US if lag_delay[0] else MODEL_STD_US
     begin = Estimate(reference + away * whole.begin, math.hypot(100.0 * std, model_std), "us")
-    return DriveForce(begin, whole.slope / away, whole.a, whole.c, whole.rms, whole.lag_delay[0])
+    driven = [part for part in parts if part.drives]
+    return DriveForce(begin, whole.slope / away, whole.a, whole.c, whole.rms, whole.lag_delay[0],
+                      np.array([reference + away * part.p for part in driven]),
+                      _forces_alone(driven, whole.begin, _solve(parts, whole.lag_delay)[0],
+                                    whole.lag_delay))
+
+
+def _forces_alone(driven: Sequence[SpinSegment], begin: float, found: FloatArray,
+                  lag_delay: tuple[float, float]) -> FloatArray:
+    """Return the force (n,) [m/s2] of each segment that explains its own travel best.
+
+    The friction is that of all; found: of ``_solve``.
+    """
+    forces = []
+    for part in driven:
+        columns, travel = _rows(part, lag_delay)
+        # Travel without friction, over that by the force of the law.
+        law = columns[:, :4] @ found[:4]
+        share = float(law @ (travel - columns[:, 4:] @ found[4:])) / float(law @ law)
+        forces.append(share * float(found[0]) * (part.p - begin))
+    return np.array(forces)
+
+
+def graph_forces(directions: Sequence[DriveForce]) -> FitGraph:
+    """Return the force of each driven segment and the law, ahead positive."""
+    points = []
+    lines = []
+    for one in directions:
+        sign = math.copysign(1.0, one.slope)
+        points.append((one.pulses, sign * one.forces))
+        begin = one.begin.value
+        far = one.pulses[np.argmax(np.abs(one.pulses - begin))]
+        # A gap between the lines of two directions.
+        ends = np.array([begin, far, math.nan])
+        lines.append((ends, sign * one.slope * (ends - begin),
+                      np.full(3, INTERVAL_90 * abs(one.slope) * one.begin.std)))
+    measured = np.concatenate(points, axis=1)
+    fit = np.concatenate(lines, axis=1)
+    return FitGraph("The motor at each pulse, wheels lifted: no drive in the dead band",
+                    "pulse [us]", "acceleration at standstill [m/s2]", measured[0], measured[1],
+                    fit[0], fit[1], fit[2], "each pulse alone")
 
 
 def _are_enough(parts: Sequence[SpinSegment]) -> bool:

@@ -14,7 +14,15 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import State
 
 from .by_hand import explain_standstill
-from .imu_fit import GyroRest, MeasuredTurn, fit_axis, fit_mount_yaw, measure_rest, yaw_bias
+from .imu_fit import (
+    GyroRest,
+    MeasuredTurn,
+    fit_axis,
+    fit_mount_yaw,
+    graph_pulls,
+    measure_rest,
+    yaw_bias,
+)
 from .measured import Measured, map_outdated
 from .procedure import Bench, Option, Procedure, ProcedurePlan
 from .runner import CalibrationRunner, driving
@@ -94,7 +102,8 @@ def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
         sum(s.duration for s in (*(t.samples for t in done), *pulls)) + REST_TIME,
         ("the bias changes with temperature; at rest the car estimates it again",
          *map_outdated(files, abs(mounting.scale.value / old - 1.0) > MAX_SCALE_CHANGE,
-                       f"a gyro scale of {old:.4f}")))
+                       f"a gyro scale of {old:.4f}")),
+        graph=graph_pulls(pulls, mounting, bias.value, files.config.imu.x, yaw))
 
 
 def _measure_rest(car: Car, log: SensorLog) -> GyroRest:

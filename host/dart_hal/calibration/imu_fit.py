@@ -25,11 +25,12 @@ import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports.workshop import SIGHT_STD
-from dart_hal.core.types import Estimate, FloatArray
+from dart_hal.core.types import INTERVAL_90, Estimate, FloatArray
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import GYRO_QUANTUM
 from dart_hal.vehicle.fitting.batches import standard_error
 
+from .measured import FitGraph
 from .sensor_log import ImuSamples
 
 # Batches of the standstill.
@@ -131,10 +132,7 @@ def fit_mount_yaw(pulls: Sequence[ImuSamples], mounting: GyroMounting, bias: flo
     bias [rad/s]: of the yaw rate. imu_x [m]: place of the IMU in front of the rear axle.
     Raises CalibrationFailed if the accelerometer does not follow the wheels.
     """
-    level = np.array(Mounting(mounting.roll.value, mounting.pitch.value).matrix()).reshape(3, 3)
-    row = mounting.axis / float(mounting.axis @ mounting.axis)
-    parts = [_average_windows(pull, level, pull.gyro @ row - bias, imu_x) for pull in pulls]
-    t_x, t_y, a_x, a_y = np.concatenate(parts, axis=1)
+    t_x, t_y, a_x, a_y = _average_pulls(pulls, mounting, bias, imu_x)
     design = np.column_stack([np.ones_like(a_x), a_x, a_y])
     forward, *_ = np.linalg.lstsq(design, t_x, rcond=None)
     sideways, *_ = np.linalg.lstsq(design, t_y, rcond=None)
@@ -149,6 +147,33 @@ def fit_mount_yaw(pulls: Sequence[ImuSamples], mounting: GyroMounting, bias: flo
             likely="wheels that spin, or an IMU that is loose",
             remedy="dry level floor, IMU screwed tight; run it again")
     return Estimate(math.atan2(-sideways[1], forward[1]), math.sqrt(covariance[1, 1]) / size, "rad")
+
+
+def graph_pulls(pulls: Sequence[ImuSamples], mounting: GyroMounting, bias: float, imu_x: float,
+                yaw: Estimate) -> FitGraph:
+    """Return the acceleration to the side by the IMU over that of the wheels ahead.
+
+    Arguments as for ``fit_mount_yaw``; yaw: its result. An IMU that is turned by it shows
+    -sin(yaw) of the acceleration ahead as one to the left.
+    """
+    _, t_y, a_x, a_y = _average_pulls(pulls, mounting, bias, imu_x)
+    side = t_y - math.cos(yaw.value) * a_y
+    ends = np.array([min(float(a_x.min()), 0.0), max(float(a_x.max()), 0.0)])
+    offset = float(np.mean(side + math.sin(yaw.value) * a_x))
+    half = INTERVAL_90 * yaw.std * math.cos(yaw.value) * np.abs(ends)
+    return FitGraph("Straight acceleration: an IMU that is turned shows a part of it to the side",
+                    "acceleration of the wheels [m/s2]", "to the left by the IMU [m/s2]",
+                    a_x, side - offset, ends, -math.sin(yaw.value) * ends, half,
+                    curve_name="mounting yaw, 90 % interval")
+
+
+def _average_pulls(pulls: Sequence[ImuSamples], mounting: GyroMounting, bias: float, imu_x: float
+                   ) -> FloatArray:
+    """Return the windows of all pulls as ``_average_windows``."""
+    level = np.array(Mounting(mounting.roll.value, mounting.pitch.value).matrix()).reshape(3, 3)
+    row = mounting.axis / float(mounting.axis @ mounting.axis)
+    return np.concatenate([_average_windows(pull, level, pull.gyro @ row - bias, imu_x)
+                           for pull in pulls], axis=1)
 
 
 def _average_windows(samples: ImuSamples, level: FloatArray, rate: FloatArray, imu_x: float

@@ -120,7 +120,7 @@ def measure(bench: Bench) -> Measured:
     return Measured(files.config.name, bench.source, "latency",
                     _quantities(grid, wheel, yaw, at_rest),
                     f"residuals: edges {1e3 * wheel.rms:.2f} mm rms, yaw rate {yaw.rms:.4f} rad/s "
-                    "rms", float(seconds), _notes(files, grid, yaw))
+                    "rms", float(seconds), _notes(files, grid, yaw), graph=yaw.graph)
 
 
 def _quantities(grid: PwmGrid, wheel: WheelDelay, yaw: YawDelay, at_rest: Traffic

@@ -42,7 +42,7 @@ import numpy as np
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.types import BoolArray, FloatArray, IntArray
+from dart_hal.core.types import INTERVAL_90, BoolArray, FloatArray, IntArray
 from dart_hal.devices.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.estimation.imu_clock import PERIOD
 from dart_hal.vehicle.fitting.covariance import block_covariance, plain_covariance
@@ -52,6 +52,7 @@ from dart_hal.vehicle.motor import make_dead_band
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 
 from .latency_log import PwmGrid, Traffic, no_response
+from .measured import FitGraph
 
 Residual = Callable[[FloatArray], FloatArray]
 # s, step of the grid on which the motion is integrated.
@@ -89,6 +90,8 @@ OWN_MAP_SHAPE_STD = 0.005
 TYPICAL_MAP_SHAPE_STD = 0.035
 # Hz of the filter of the BNO055, as the firmware sets it.
 GYRO_FILTER_HZ = 32.0
+# Points of a response in a picture.
+GRAPH_POINTS = 60
 # Points of the steering map between the two ends of the turns.
 MAP_KNOTS = 200
 # Indices of the shared parameters: lag [s], slew rate [us/s], backlash [rad], tyre stiffness.
@@ -525,13 +528,14 @@ def stiffness(p: Vehicle) -> tuple[float, float]:
 class YawDelay:
     """delay, lag [s], slew rate [us/s] of the servo, each with one sigma; rms [rad/s].
 
-    lag None: too small to be separated from the slew rate.
+    lag None: too small to be separated from the slew rate. graph: the small steps.
     """
 
     delay: tuple[float, float]
     lag: tuple[float, float] | None
     slew: tuple[float, float]
     rms: float
+    graph: FitGraph | None = None
 
 
 def fit_yaw(grid: PwmGrid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
@@ -577,15 +581,42 @@ class TurnSamples:
 
         Offset a + c and size b of each turn are eliminated by linear least squares.
         """
-        lag, rate, play, grip = x[:4].tolist()
-        responses = self.responses((lag, rate, play, grip))
-        after = response_times()
-        model = np.array([np.interp(t - own, after, responses[k], left=0.0)
-                          for t, own, k in zip(self.t, x[4:], self.kind, strict=True)])
-        model = self._subtract_means(model)
+        model = self._subtract_means(self._model(x))
         yaw = self._subtract_means(self.yaw)
         size = np.sum(model * yaw, axis=1) / (np.sum(model * model, axis=1) + 1e-9)
         return np.asarray((yaw - size[:, None] * model)[self.valid])
+
+    def _responses(self, x: FloatArray) -> FloatArray:
+        """Response of each kind for the shared parameters, see ``make_responses``."""
+        lag, rate, play, grip = x[:4].tolist()
+        return self.responses((lag, rate, play, grip))
+
+    def _model(self, x: FloatArray) -> FloatArray:
+        """Responses (k, m), each 0 to 1."""
+        responses = self._responses(x)
+        after = response_times()
+        return np.array([np.interp(t - own, after, responses[k], left=0.0)
+                         for t, own, k in zip(self.t, x[4:], self.kind, strict=True)])
+
+    def graph(self, x: FloatArray, use: BoolArray, std: float) -> FitGraph:
+        """Return the samples of the turns ``use`` (k,) as shares of their change, and the fit.
+
+        std [s]: of the delay, which moves the whole curve.
+        """
+        model = self._model(x)
+        centred = self._subtract_means(model)
+        yaw = self._subtract_means(self.yaw)
+        size = np.sum(centred * yaw, axis=1) / (np.sum(centred * centred, axis=1) + 1e-9)
+        # Remove the offset of each turn, so that all go from 0 to 1.
+        means = np.sum(np.where(self.valid, model, 0.0), axis=1) / self.valid.sum(axis=1)
+        share = yaw / size[:, None] + means[:, None]
+        shown = self.valid & use[:, None]
+        t = np.linspace(0.0, float(self.t[shown].max()), GRAPH_POINTS)
+        mean = self._responses(x)[np.unique(self.kind[use])].mean(axis=0)
+        fit = np.interp(t - float(x[4:][use].mean()), response_times(), mean, left=0.0)
+        return FitGraph("Yaw rate after each small step of the steering", "after the pulse [ms]",
+                        "share of its change", 1e3 * self.t[shown], share[shown], 1e3 * t, fit,
+                        INTERVAL_90 * std * np.gradient(fit, t), "samples of the gyro")
 
     def _subtract_means(self, rows: FloatArray) -> FloatArray:
         """Subtract the mean of each turn; invalid samples become 0."""
@@ -677,7 +708,7 @@ def _combine_turns(found: DelayFit, visible: bool, turns: TurnSamples, read: tup
     return YawDelay((float(mean[4:] @ own) + read[0] - 0.5 * PERIOD, float(std)),
                     lag if visible else None,
                     (slew, math.hypot(found.std[I_RATE], shape * slew, TYRE_SLEW_STD * slew)),
-                    found.rms)
+                    found.rms, turns.graph(found.x, use, float(std)))
 
 
 def ring_speed(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:

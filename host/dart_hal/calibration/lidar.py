@@ -17,6 +17,7 @@ from dart_hal.estimation.localisation.field import Map
 from .lidar_fit import DEFAULT_GYRO_STD, LidarDrive, LidarFit, fit_lidar, rotation_sense
 from .measured import Measured
 from .mocap import CIRCLE_SPEEDS, drive_circles
+from .mocap_fit import graph_places
 from .procedure import Bench, Procedure, ProcedurePlan
 from .runner import driving
 
@@ -81,7 +82,9 @@ def measure(bench: Bench) -> Measured:
                     f"explains {100.0 * fit.agreement:.0f} % of the beams",
                     states[-1].t - states[0].t,
                     ("the scale is relative to the map: a map that is 1 % too large makes it 1 % "
-                     "too large",))
+                     "too large",),
+                    graph=graph_places("Where each scan has the rear axle, by the mount measured",
+                                       fit.marker, "each scan", "axle, 90 % interval to the left"))
 
 
 def _gyro_std(files: CarFiles) -> float:

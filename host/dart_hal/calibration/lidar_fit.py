@@ -79,12 +79,14 @@ class LidarFit:
 
     found: estimates of ``x``, ``y`` [m], ``yaw`` [rad], ``scale``. rms [m] between lidar and dead
     reckoning. scans: how many were used. agreement: mean share of beams that the map explains.
+    marker: the last fit of the offset of the scans' poses from the rear axle.
     """
 
     found: dict[str, Estimate]
     rms: float
     scans: int
     agreement: float
+    marker: Marker
 
 
 def rotation_sense(drive: LidarDrive) -> float | None:
@@ -113,7 +115,7 @@ def fit_lidar(drive: LidarDrive, chart: Map, gyro_std: float = DEFAULT_GYRO_STD)
     found = {name: Estimate(float(getattr(mount, name)),
                             hypot(std[name], floor, GYRO_SCALE_EFFECT.get(name, 0.0) * gyro_std))
              for name, floor in MOUNT_STD_FLOOR.items()}
-    return LidarFit(found, marker.rms, len(matched.t), float(np.mean(matched.agreement)))
+    return LidarFit(found, marker.rms, len(matched.t), float(np.mean(matched.agreement)), marker)
 
 
 def _fit_offset(track: MarkerTrack, yaw: float) -> Marker:

@@ -19,7 +19,7 @@ from dart_hal.estimation.pose_check import PoseComparison, find_fault
 from dart_hal.estimation.source_clock import to_car_time
 
 from .measured import Measured
-from .mocap_fit import BLOCK_DURATION, MARKER_KEYS, MarkerTrack, fit_marker
+from .mocap_fit import BLOCK_DURATION, MARKER_KEYS, MarkerTrack, fit_marker, graph_places
 from .procedure import Bench, Procedure, ProcedurePlan, Progress
 from .runner import CalibrationRunner, driving
 from .straight import rest
@@ -80,7 +80,9 @@ def measure(bench: Bench) -> Measured:
     return Measured(files.config.name, bench.source, "mocap", found,
                     f"poses and dead reckoning differ by {1e3 * marker.rms:.1f} mm rms",
                     states[-1].t - states[0].t,
-                    (f"{len(poses)} poses; dead reckoning restarts every {BLOCK_DURATION:.0f} s",))
+                    (f"{len(poses)} poses; dead reckoning restarts every {BLOCK_DURATION:.0f} s",),
+                    graph=graph_places("Where each pose has the marker on the car", marker,
+                                       "each pose", "marker, 90 % interval to the left"))
 
 
 def drive_circles(runner: CalibrationRunner, files: CarFiles, progress: Progress,

@@ -22,12 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.types import Estimate, FloatArray, IntArray
+from dart_hal.core.types import INTERVAL_90, Estimate, FloatArray, IntArray
 from dart_hal.estimation.imu_clock import READ_STD, SLOT_WORK_STD
 from dart_hal.vehicle.fitting.covariance import leverage_covariance
 from dart_hal.vehicle.fitting.least_squares import least_squares
 
 from .latency_fit import GYRO_FILTER_DELAY_STD
+from .measured import FitGraph
 
 # s. In 3 s a gyro bias of 0.001 rad/s moves the car 2 mm off its place.
 BLOCK_DURATION = 3.0
@@ -88,11 +89,15 @@ class MarkerTrack:
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """found: estimates by ``MARKER_KEYS``; rms [m] of the residuals; blocks: how many were used."""
+    """found: estimates by ``MARKER_KEYS``; rms [m] of the residuals; blocks: how many were used.
+
+    places (m, 2) [m]: of the marker by each pose, ahead of the rear axle and to its left.
+    """
 
     found: dict[str, Estimate]
     rms: float
     blocks: int
+    places: FloatArray
 
 
 def fit_marker(track: MarkerTrack) -> Marker:
@@ -139,7 +144,17 @@ def fit_marker(track: MarkerTrack) -> Marker:
     found = {name: Estimate(float(fit.x[i]),
                             float(np.hypot(std[i], REPEATED_ERROR_STD.get(name, 0.0))))
              for i, name in enumerate(MARKER_KEYS)}
-    return Marker(found, rms, len(used))
+    return Marker(found, rms, len(used), problem.places(fit.x))
+
+
+def graph_places(title: str, marker: Marker, points_name: str, curve_name: str) -> FitGraph:
+    """Return the places by each pose, and the estimate with the interval of its second one."""
+    left = marker.found["marker_y"]
+    return FitGraph(title, "ahead of the rear axle [mm]", "to its left [mm]",
+                    1e3 * marker.places[:, 0], 1e3 * marker.places[:, 1],
+                    np.array([1e3 * marker.found["marker_x"].value]),
+                    np.array([1e3 * left.value]), np.array([1e3 * INTERVAL_90 * left.std]),
+                    points_name, curve_name)
 
 
 class _MarkerProblem:
@@ -173,6 +188,12 @@ class _MarkerProblem:
         """Return the rms of the places [m] without the largest two per cent."""
         size = np.abs(self._difference(x)[0])
         return float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.98)]**2)))
+
+    def places(self, x: FloatArray) -> FloatArray:
+        """Places (m, 2) [m] of the marker on the car: its estimate plus what each pose is off."""
+        # A pose is turned into the axes of the car by its own yaw, which is that of the marker.
+        off = self._difference(x)[0] * np.exp(-1j * (self.poses[:, 2] + x[2]))
+        return np.column_stack([x[0] + off.real, x[1] + off.imag])
 
     def _difference(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pose minus prediction: places (m,) complex [m], yaws (m,) [rad], each block aligned.

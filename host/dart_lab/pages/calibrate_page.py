@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,9 +96,8 @@ def _verdict(found: Sequence[Result], values: Sequence[MeasuredValue]) -> Html:
 
 
 def _breakable(name: str) -> Html:
-    """Return the name of a value that may break after its table, for a phone."""
-    group, dot, key = name.rpartition(".")
-    return join([group + dot, el("wbr"), key])
+    """Return the name of a value that may break after its table and its words, for a phone."""
+    return join(part for piece in re.split(r"(?<=[._])", name) for part in (piece, el("wbr")))
 
 
 def list_values(result: Result, previous: Calibration | None) -> list[MeasuredValue]:
@@ -152,7 +152,8 @@ def _steering_values(result: SteeringResult, previous: Calibration | None) -> li
 def _details(result: Result) -> Html:
     """Return the table of the terminal and all notes."""
     summary = result.summary()
-    return join([table(summary.columns, summary.rows, 1, summary.title),
+    rows = [(_breakable(name), *values) for name, *values in summary.rows]
+    return join([table(summary.columns, rows, 1, summary.title),
                  page.items(line.strip() for line in summary.lines)])
 
 
@@ -182,12 +183,16 @@ def _draw_data(result: Result, files: CarFiles | None) -> Html:
 
 
 def _draw_graph(graph: FitGraph) -> Html:
-    nothing = np.full(len(graph.x), math.nan)
+    """Draw the points under the fit; of many points some, evenly."""
+    step = -(-len(graph.x) // charts.MAX_CURVE_POINTS)
+    x = graph.x[::step]
+    nothing = np.full(len(x), math.nan)
     return join([svg.legend([("before", graph.points_name), ("after", graph.curve_name)]),
                  page.figure(graph.title, charts.draw_lines(
                      graph.title, graph.x_label, graph.y_label,
-                     [charts.Series(graph.fit_x, graph.fit_y, graph.half, "after", marked=False),
-                      charts.Series(graph.x, graph.y, nothing, "before", joined=False)]))])
+                     [charts.Series(x, graph.y[::step], nothing, "before", joined=False),
+                      charts.Series(graph.fit_x, graph.fit_y, graph.half, "after",
+                                    marked=len(graph.fit_x) == 1)]))])
 
 
 def _throttle_graph(result: Result, files: CarFiles | None) -> FitGraph | None:

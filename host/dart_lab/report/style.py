@@ -67,7 +67,8 @@ table.bars { width: 100%; table-layout: fixed; margin: .8rem 0 } .bars th { font
 .bars rect, .bars line { vector-effect: non-scaling-stroke }
 @media (max-width: 40rem) { .bars { font-size: .72rem } .bars thead th { font-size: .66rem }
   .bars thead th:first-child { width: 21% } .bars td, .bars th { padding-right: .3rem }
-  nav a { white-space: normal } .n, .s { white-space: normal } td, th { padding-right: .6rem } }
+  nav a { white-space: normal } .n, .s { white-space: normal } td, th { padding-right: .6rem }
+  td:last-child, th:last-child { padding-right: 0 } .l { min-width: 9ch } }
 code { background: var(--box); padding: .1em .3em;
   border-radius: 3px; font-size: .9em; overflow-wrap: anywhere }
 dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }
