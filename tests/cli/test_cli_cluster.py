@@ -6,11 +6,16 @@ import json
 import os
 import re
 import socket
+import subprocess
+import sys
+import threading
+import time
 
 import pytest
 
 from dart_hal.core.errors import ClusterFailed, UsageError
 from dart_hal.core.process import cluster as clusters
+from dart_hal.core.process import jobs
 from dart_hal.core.process.cluster import use_cluster
 from dart_hal.core.process.jobs import choose_processes, each
 from studies.calibration import coverage
@@ -120,6 +125,97 @@ def test_coverage_is_the_same(address, tmp_path, monkeypatch):
         return sorted(file.read_text().splitlines())
 
     assert lines("--cluster", address) == lines()
+
+
+class MortalCluster:
+    """A scheduler and two workers, each a process of its own that can be killed."""
+
+    def __init__(self, port):
+        self.address = f"tcp://127.0.0.1:{port}"
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", str(port))
+        self.workers = [self._start("worker", self.address, "--nthreads", "1", "--no-nanny")
+                        for _ in range(2)]
+
+    def _start(self, *words):
+        return subprocess.Popen([sys.executable, "-m", "dask", *words, "--no-dashboard"],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def kill(self, *processes):
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def mortal():
+    pytest.importorskip("distributed", reason="pip install 'dart-hal[cluster]'")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    cluster = MortalCluster(port)
+    try:
+        # The client does not wait until a scheduler listens.
+        while not is_open(port):
+            assert cluster.scheduler.poll() is None
+            time.sleep(0.1)
+        yield cluster
+    finally:
+        cluster.kill(cluster.scheduler, *cluster.workers)
+
+
+def is_open(port):
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def sum_with_deaths(mortal, victims, timeout):
+    """The sum of 0 to 29, computed on a cluster whose victims die at its beginning."""
+    # Sent by value: workers cannot import this file.
+    work = lambda k: time.sleep(0.2) or k  # noqa: E731
+    with use_cluster(mortal.address, timeout=timeout):
+        found = each(work, range(30), parts=30)
+        first = next(found)
+        mortal.kill(*victims)
+        return first + sum(found)
+
+
+@pytest.mark.slow
+def test_one_dead_worker_of_two_does_not_change_the_result(mortal):
+    """The control of those below."""
+    assert sum_with_deaths(mortal, mortal.workers[:1], 60.0) == sum(range(30))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("who", ["scheduler", pytest.param("workers", marks=pytest.mark.long)])
+def test_lost_cluster_ends_the_computation(mortal, who, capfd):
+    victims = mortal.workers if who == "workers" else [mortal.scheduler]
+    with pytest.raises(ClusterFailed, match="was lost while it computed") as lost:
+        sum_with_deaths(mortal, victims, 15.0)
+    assert mortal.address in lost.value.what
+    assert (lost.value.found == "no worker for 15 s") == (who == "workers")
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.long
+def test_diagnosis_on_a_dying_cluster_leaves_no_file(verb, mortal, monkeypatch, tmp_path):
+    """The scheduler dies while the first computation is on the workers."""
+    reported = jobs._report_loss
+
+    def report_and_kill(backend):
+        if backend is not None:
+            threading.Timer(0.5, mortal.kill, [mortal.scheduler]).start()
+        return reported(backend)
+
+    # The workers are connected by then: counting them is no computation.
+    monkeypatch.setattr(jobs, "cluster_workers", lambda: 2 * (jobs._cluster_backend() is not None))
+    monkeypatch.setattr(jobs, "_report_loss", report_and_kill)
+    error = verb("diagnose", "--model", "paper", "--train", FOLDERS[0], "--test", FOLDERS[1],
+                 "--out", "found.toml", "--html", "page.html", "--cluster", mortal.address,
+                 "--json").error
+    assert error["code"] == ClusterFailed.code
+    assert "was lost while it computed" in error["what"]
+    assert "start the scheduler and the workers again" in error["try"]
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

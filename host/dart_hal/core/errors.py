@@ -292,7 +292,7 @@ class ExperimentFailed(DartHalError, RuntimeError):
 
 
 class ClusterFailed(DartHalError, ConnectionError):
-    """A cluster cannot be used: no scheduler, too few workers, or other software on one."""
+    """A cluster cannot be used: no scheduler, too few workers, other software, or lost midway."""
 
     code = "D-CLUS-01"
     likely_default = "the scheduler does not run, a firewall, or another port"

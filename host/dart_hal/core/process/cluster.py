@@ -1,17 +1,26 @@
-"""Compute on the workers of a dask scheduler: everything that uses ``jobs.each``."""
+"""Compute on the workers of a dask scheduler: everything that uses ``jobs.each``.
+
+A lost cluster shows in three ways. A scheduler that dies, or a worker that dies with data that were
+sent to it, cancels the computation. Without any worker the scheduler waits for one for ever:
+``ClusterWatch`` cancels the computation then. ``report_loss`` turns all into ClusterFailed.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import platform
 import socket
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
+from weakref import WeakKeyDictionary
 
 from dart_hal import __version__
 from dart_hal.core.errors import ClusterFailed
@@ -23,6 +32,8 @@ MIN_WORKERS = 2
 # Packages whose version may change the last bits of a result.
 COMPARED_PACKAGES = ("numpy", "scipy")
 PACKAGES_WITH_SOURCE = ("dart_hal", "dart_lab")
+# s between two looks at the number of workers.
+WATCH_INTERVAL = 1.0
 START_WORKERS = "dask worker {address} --nworkers auto --nthreads 1"
 
 
@@ -33,11 +44,13 @@ def use_cluster(address: str | None, timeout: float = CONNECT_TIMEOUT) -> Iterat
     Args:
         address: of the dask scheduler, such as ``tcp://192.168.1.5:8786``; None: this computer,
             and the number is 0.
-        timeout: s to wait for the scheduler, and then for its workers.
+        timeout: s to wait for the scheduler, then for its workers, and for a new worker when none
+            is left.
 
     Raises:
         ClusterFailed: no scheduler answers, it has fewer than two workers, or a worker has
-            several threads or another version of this software.
+            several threads or another version of this software. ``jobs.each`` raises it if the
+            scheduler or the workers are lost while they compute.
         UsageError: the package ``distributed`` is not installed.
 
     Example::
@@ -52,10 +65,92 @@ def use_cluster(address: str | None, timeout: float = CONNECT_TIMEOUT) -> Iterat
         return
     if find_spec("distributed") is None:
         raise missing_module_error("distributed", "--cluster")
+    import distributed  # noqa: F401 - its import makes the handlers of its logger
     from joblib import parallel_config
 
-    with _connect(address, timeout) as client, parallel_config(backend="dask", client=client):
-        yield _check_workers(client, address, timeout)
+    with ExitStack() as stack:
+        # A lost cluster is reported by report_loss, not by the tracebacks of the package.
+        stack.enter_context(_mute_logger("distributed"))
+        client = stack.enter_context(_connect(address, timeout))
+        stack.enter_context(parallel_config(backend="dask", client=client))
+        workers = _check_workers(client, address, timeout)
+        stack.enter_context(ClusterWatch(client, address, timeout))
+        yield workers
+
+
+class ClusterWatch:
+    """Cancels the computations of a client that has had no worker for ``timeout`` s.
+
+    address: of the scheduler. lost: why the computations were cancelled, empty if they were not.
+    """
+
+    def __init__(self, client: Any, address: str, timeout: float) -> None:
+        self.address = address
+        self.lost = ""
+        self._client = client
+        self._timeout = timeout
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="cluster watch", daemon=True)
+
+    def __enter__(self) -> ClusterWatch:
+        _WATCHES[self._client] = self
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        without = 0.0
+        while not self._ended.wait(WATCH_INTERVAL):
+            try:
+                without = 0.0 if self._client.nthreads() else without + WATCH_INTERVAL
+            except (OSError, CancelledError):
+                return  # the scheduler is lost, and the client cancels its computations itself
+            if without > self._timeout:
+                self.lost = f"no worker for {self._timeout:g} s"
+                self._client.close()
+                return
+
+
+_WATCHES: WeakKeyDictionary[Any, ClusterWatch] = WeakKeyDictionary()
+
+
+@contextmanager
+def report_loss(client: Any) -> Iterator[None]:
+    """Raise ClusterFailed for what a lost cluster raises in a computation of ``client``."""
+    from distributed import KilledWorker
+
+    watch = _WATCHES.get(client)
+    if watch is None:  # a cluster that the program has given to joblib itself
+        yield
+        return
+    try:
+        yield
+    # OSError includes the errors of a connection and a time-out.
+    except (CancelledError, KilledWorker, OSError) as error:
+        raise ClusterFailed(
+            f"the cluster at {watch.address} was lost while it computed",
+            found=watch.lost or str(error) or type(error).__name__,
+            expected="a scheduler and workers that run until the end",
+            likely="the scheduler or its workers were stopped, the network was cut, or a worker "
+                   "ran out of memory",
+            remedy="start the scheduler and the workers again, then the same command, which has "
+                   "written no result; or leave out --cluster") from error
+
+
+@contextmanager
+def _mute_logger(name: str) -> Iterator[None]:
+    """Let the handlers of a logger show nothing below CRITICAL."""
+    levels = {handler: handler.level for handler in logging.getLogger(name).handlers}
+    for handler in levels:
+        handler.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for handler, level in levels.items():
+            handler.setLevel(level)
 
 
 def describe_installation() -> dict[str, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, TypeVar
 
 # Packets of items for the processes: the data that a process needs are much larger than an item.
@@ -37,10 +38,28 @@ def cluster_workers() -> int:
     """Return the number of workers of the cluster that ``each`` uses now; 0 without one."""
     if "joblib" not in sys.modules:
         return 0
+    backend = _cluster_backend()
+    if backend is None:
+        return 0
+    with _report_loss(backend):
+        return int(backend.effective_n_jobs(None))
+
+
+def _cluster_backend() -> Any:
+    """Return the backend of joblib if it is that of a cluster, else None."""
     from joblib.parallel import get_active_backend
 
     backend, _ = get_active_backend()
-    return int(backend.effective_n_jobs(None)) if hasattr(backend, "client") else 0
+    return backend if hasattr(backend, "client") else None
+
+
+def _report_loss(backend: Any) -> AbstractContextManager[None]:
+    """Return the context in which a lost cluster raises ClusterFailed."""
+    if backend is None:
+        return nullcontext()
+    from dart_hal.core.process.cluster import report_loss
+
+    return report_loss(backend.client)
 
 
 def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *,
@@ -57,14 +76,15 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
 
     n_jobs = None if jobs == 1 else jobs  # None: that of joblib.parallel_config, else 1
     workers = cluster_workers()
-    if len(items) < 2 or effective_n_jobs(n_jobs) == 1:
+    if len(items) < 2 or (workers or effective_n_jobs(n_jobs)) == 1:
         yield from map(work, items)
         return
     # Interleaved packets, so that neighbouring items of similar cost are in different ones.
     parts = min(max(parts, workers), len(items))
-    for part in Parallel(n_jobs=n_jobs, return_as="generator")(
-            delayed(_some)(work, items[i::parts]) for i in range(parts)):
-        yield from part
+    with _report_loss(_cluster_backend()):
+        for part in Parallel(n_jobs=n_jobs, return_as="generator")(
+                delayed(_some)(work, items[i::parts]) for i in range(parts)):
+            yield from part
 
 
 def start_in_background(work: Callable[..., Result], *given: Any) -> Iterator[Result]:
