@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from esc_pin import Watched
 
@@ -14,6 +16,13 @@ from dart_hal.calibration.acceptance import (
     run_step,
 )
 from dart_lab.sim.truth import reveal
+from studies.calibration.acceptance_faults import (
+    EMULATED,
+    FAULTS,
+    SOUND,
+    check_car,
+    run_steps,
+)
 
 ACCEPTED_SEED = 4
 BY_NAME = dict(zip(STEP_NAMES, STEPS, strict=True))
@@ -60,6 +69,22 @@ def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
         assert lifted.world.lifted is None
     added = 40.0 if query else 0.0
     assert abs(delays[1].value - delays[0].value - added) < 4.0
+
+
+@pytest.mark.slow
+def test_faults_are_noticed_and_sound_cars_are_not_called_broken():
+    faults = {fault.title: fault for fault in FAULTS}
+    steps = ("rotation", "cutoff")
+    predicted = {v.key: v for outcome in run_steps(EMULATED, steps) for v in outcome.findings}
+    sound = check_car((ACCEPTED_SEED, replace(SOUND, steps=steps)), predicted)
+    assert not sound.failed
+    for title, by in (("encoder sees every second mark", "differs"),
+                      ("encoder unplugged", "failed"),
+                      ("cut-off with a weak pull-up", "differs")):
+        found = check_car((ACCEPTED_SEED, faults[title]), predicted)
+        assert found.shows(faults[title]), title
+        assert getattr(found, by)
+        assert not sound.shows(faults[title]), title
 
 
 @pytest.mark.parametrize(("measured", "predicted", "verdict"), [

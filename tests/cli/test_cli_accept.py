@@ -66,6 +66,18 @@ def test_all_steps_run_on_an_emulated_car(verb):
 
 
 @pytest.mark.slow
+@pytest.mark.emulator
+def test_the_firmware_of_the_emulator_passes_the_same_check(verb):
+    done = verb("accept", "--yes", "--json", "--url", "sim://?nano=avr&seed=5", "--emulator",
+                "sim://?nano=avr", *only("delay", "cutoff", "rotation"))
+    assert done.code == 0, done.err
+    assert done.json["mock"] is False
+    agreed = {v["id"]: v["agrees"] for step in done.json["steps"] for v in step["values"]}
+    assert {"latency.command_to_pulse", "arming", "edges_per_turn"} <= set(agreed)
+    assert all(agreed.values())
+
+
+@pytest.mark.slow
 def test_a_broken_part_fails_its_step_and_not_the_others(verb):
     done = verb("accept", "--yes", "--json", "--url", f"{ACCEPTED_CAR}&fail=enc:off@0",
                 "--emulator", EMULATED, *only("cutoff", "rotation"))
