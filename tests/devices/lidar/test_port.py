@@ -17,8 +17,9 @@ from dart_hal.core.errors import LinkLost, NoScan, PortMissing, UsageError
 from dart_hal.devices.lidar import open_lidar, port
 from dart_hal.devices.lidar.packets import START_COMMAND, STOP_COMMAND
 from dart_hal.devices.lidar.rplidar import SCAN_REQUEST, STOP_REQUEST
+from dart_hal.devices.lidar.rplidar_express import EXPRESS_REQUEST
 from dart_hal.devices.links.serial_port import SerialLink
-from tests.devices.lidar import ld19_bytes, rplidar_bytes
+from tests.devices.lidar import express_bytes, ld19_bytes, rplidar_bytes
 from tests.devices.lidar.x4_bytes import revolution
 
 pytestmark = pytest.mark.realtime
@@ -196,8 +197,15 @@ def rplidar_unit(unit, answers=rplidar_bytes.RATE_ANSWER + rplidar_bytes.SCAN_DE
     return unit([answers, *nodes], start=SCAN_REQUEST, interval=8 * 508e-6)
 
 
+def express_unit(unit):
+    answers = rplidar_bytes.RATE_ANSWER + express_bytes.EXPRESS_ANSWER
+    return unit([answers, *express_bytes.stream(15)], start=EXPRESS_REQUEST,
+                interval=32 * express_bytes.EXPRESS_PERIOD)
+
+
 @pytest.mark.parametrize(("make", "model", "beams", "rate"), [
-    (ld19_unit, "ld19", 450, 10.0), (rplidar_unit, "rplidar", 360, 5.47)])
+    (ld19_unit, "ld19", 450, 10.0), (rplidar_unit, "rplidar", 360, 5.47),
+    (express_unit, "rplidar-express", 704, 5.59)])
 def test_other_models_scan_and_stop(unit, make, model, beams, rate):
     far = make(unit)
     lidar = open_lidar(f"serial://{far.path}?model={model}")
@@ -207,7 +215,7 @@ def test_other_models_scan_and_stop(unit, make, model, beams, rate):
     assert scans[-1].rate == pytest.approx(rate, rel=0.03)
     assert lidar.trouble is None
     lidar.close()
-    if model == "rplidar":
+    if model.startswith("rplidar"):
         wait_for(lambda: far.heard.count(STOP_REQUEST) == 2)
         assert far.heard.startswith(STOP_REQUEST)
 

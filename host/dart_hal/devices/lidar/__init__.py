@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl, urlsplit
 from dart_hal.core.added_sensors import list_schemes, open_added_sensor
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ScanSource
-from dart_hal.devices.lidar.models import LIDAR_MODELS
+from dart_hal.devices.lidar.models import LIDAR_MODELS, UNKNOWN_MODELS
 
 LIDAR_URLS = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
 LIDAR_SCHEMES = ("serial", "hwgrep")
@@ -48,7 +48,7 @@ def open_lidar(text: str) -> ScanSource:
     model = None if key is None else models[key]
     baud = options.get("baud")
     if baud is not None and not (baud.isascii() and baud.isdigit() and int(baud)):
-        bauds = (model.bauds if model else [m.bauds[0] for m in LIDAR_MODELS])
+        bauds = (model.bauds if model else [m.bauds[0] for m in UNKNOWN_MODELS])
         raise UsageError(f"baud={baud!r} is not a line rate", found=text,
                          expected=" or ".join(map(str, bauds)))
     from dart_hal.devices.lidar.port import SerialLidar

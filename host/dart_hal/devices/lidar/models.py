@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 from typing import Protocol
 
@@ -30,6 +30,11 @@ from dart_hal.devices.lidar.rplidar import (
     SCAN_REQUEST,
     STOP_REQUEST,
     RplidarDecoder,
+)
+from dart_hal.devices.lidar.rplidar_express import (
+    EXPRESS_REQUEST,
+    EXPRESS_SAMPLE_PERIOD,
+    ExpressDecoder,
 )
 
 # Relative error of the sample period of an X4: its quartz and that of the host, with margin.
@@ -83,8 +88,13 @@ RPLIDAR = LidarModel("rplidar", "RPLidar", (RPLIDAR_BAUD, RPLIDAR_FAST_BAUD),
                      start=(STOP_REQUEST, MOTOR_REQUEST, INFO_REQUEST, HEALTH_REQUEST,
                             SAMPLE_RATE_REQUEST, SCAN_REQUEST),
                      stop=(STOP_REQUEST, MOTOR_STOP_REQUEST))
+# Twice as many samples, for which the firmware has to be 1.17 or later.
+RPLIDAR_EXPRESS = replace(RPLIDAR, key="rplidar-express", title="RPLidar in its express scan",
+                          sample_period=EXPRESS_SAMPLE_PERIOD, make_decoder=ExpressDecoder,
+                          step_back=None, start=(*RPLIDAR.start[:-1], EXPRESS_REQUEST))
 # In the order in which an unknown lidar is tried.
-LIDAR_MODELS = (X4, LD19, RPLIDAR)
+UNKNOWN_MODELS = (X4, LD19, RPLIDAR)
+LIDAR_MODELS = (*UNKNOWN_MODELS, RPLIDAR_EXPRESS)
 
 
 def recognise(data: bytes) -> LidarModel | None:

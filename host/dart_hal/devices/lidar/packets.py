@@ -58,7 +58,7 @@ class Packet(NamedTuple):
     sent; first, last [rad]: direction of the unit, 0 to 2 pi; angle (n,) [rad] of the points, in
     the unit's sense of rotation; distance (n,) [m, NaN = no return]; size: bytes sent after the
     last sample was taken; behind: bytes after it in the same read; lost: bytes before it were of no
-    valid packet.
+    valid packet; later: samples that were taken after its last one before those bytes were sent.
     """
 
     starts: bool
@@ -70,6 +70,7 @@ class Packet(NamedTuple):
     size: int
     behind: int
     lost: bool
+    later: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from dart_hal.core.errors import DartHalError, LinkLost, NoScan
 from dart_hal.core.ports import Chunk
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import Scan
-from dart_hal.devices.lidar.models import LIDAR_MODELS, LidarModel, recognise
+from dart_hal.devices.lidar.models import UNKNOWN_MODELS, LidarModel, recognise
 from dart_hal.devices.lidar.packets import Answer
 from dart_hal.devices.lidar.scan import LidarStream
 from dart_hal.devices.links.serial_port import SerialLink, candidates
@@ -51,7 +51,7 @@ class SerialLidar:
     def __init__(self, device: str, baud: int | None, name: str, pattern: str | None = None,
                  model: LidarModel | None = None) -> None:
         self.name = name
-        models = LIDAR_MODELS if model is None else (model,)
+        models = UNKNOWN_MODELS if model is None else (model,)
         self._trials = [(m, rate) for m in models
                         for rate in ((baud,) if baud is not None else m.bauds)]
         self._trial = 0

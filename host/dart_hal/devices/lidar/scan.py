@@ -109,7 +109,7 @@ class Assembler:
         if n > 1 and turn < pi:
             step = max(turn / (n - 1), tau * MIN_RATE * self.period)
             self._step += (step - self._step) * min(0.01 * n, 1.0)
-        self._clock.add_frame((self._count - 1) * self.period, arrival,
+        self._clock.add_frame((self._count - 1 + packet.later) * self.period, arrival,
                               packet.size * self._byte_time, packet.behind)
 
     def _close(self, arrival: float) -> Scan:

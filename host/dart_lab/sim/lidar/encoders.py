@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from functools import reduce
 from itertools import pairwise
 from math import tau
+from operator import xor
 
 import numpy as np
 
@@ -17,6 +19,12 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.devices.lidar.ld19 import LD19_HEAD, LD19_SAMPLES, crc8
 from dart_hal.devices.lidar.packets import DISTANCE_UNIT, HEADER_SIZE
 from dart_hal.devices.lidar.rplidar import NODE_DISTANCE_UNIT, TURN_COUNTS
+from dart_hal.devices.lidar.rplidar_express import (
+    EXPRESS_DESCRIPTOR,
+    EXPRESS_DISTANCE_UNIT,
+    EXPRESS_OFFSET_UNIT,
+    EXPRESS_SAMPLES,
+)
 
 # Samples of a packet of an X4.
 PER_PACKET = 40
@@ -28,6 +36,10 @@ ECHO_INTENSITY = 200
 # What an RPLidar answers before its nodes: 508 us for a sample, 254 in express mode; the scan.
 SCAN_ANSWERS = struct.pack("<2sI B HH", b"\xa5\x5a", 4, 0x15, 508, 254) + bytes.fromhex(
     "a55a0500004081")
+
+EXPRESS_ANSWERS = SCAN_ANSWERS[:-7] + EXPRESS_DESCRIPTOR
+# 1/8 deg by which the laser of an express scan is behind the head: 2.5 deg.
+EXPRESS_LASER_OFFSET = 20
 
 # Bytes and the world's time [s] of the last sample in them.
 Sent = Iterator[tuple[bytes, float]]
@@ -106,6 +118,34 @@ class RplidarEncoder(_GroupEncoder):
             count = round(angle % tau / tau * TURN_COUNTS) % TURN_COUNTS
             raw += struct.pack("<BHH", quality << 2 | (1 if start else 2), count << 1 | 1,
                                round(d / NODE_DISTANCE_UNIT))
+        return raw
+
+
+class ExpressEncoder(_GroupEncoder):
+    """Packets of an RPLidar in its express scan, after its answers to the start.
+
+    Its laser points ``EXPRESS_LASER_OFFSET`` behind the head, which the packets state.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(EXPRESS_SAMPLES)
+        self._answers = EXPRESS_ANSWERS
+        self._started = False
+
+    def _encode_group(self, group: FloatArray) -> bytes:
+        _, head, distance, _ = group
+        raw_head = head[0] + EXPRESS_LASER_OFFSET * EXPRESS_OFFSET_UNIT
+        start = round(raw_head % tau / tau * TURN_COUNTS) % TURN_COUNTS
+        body = struct.pack("<H", start | (0 if self._started else 0x8000))
+        self._started = True
+        words = np.round(distance / EXPRESS_DISTANCE_UNIT).astype(int) << 2 | (
+            EXPRESS_LASER_OFFSET >> 4)
+        low = EXPRESS_LASER_OFFSET & 0xF
+        for first, second in words.reshape(-1, 2).tolist():
+            body += struct.pack("<HHB", first, second, low << 4 | low)
+        check = reduce(xor, body)
+        raw = self._answers + bytes((0xA0 | check & 0xF, 0x50 | check >> 4)) + body
+        self._answers = b""
         return raw
 
 

@@ -11,8 +11,15 @@ import numpy as np
 from dart_hal.car.lidar import DEFAULT_MOUNT_X
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
-from dart_hal.devices.lidar.models import LD19, LIDAR_MODELS, RPLIDAR, X4, LidarModel
-from dart_lab.sim.lidar.encoders import Ld19Encoder, RplidarEncoder, X4Encoder
+from dart_hal.devices.lidar.models import (
+    LD19,
+    LIDAR_MODELS,
+    RPLIDAR,
+    RPLIDAR_EXPRESS,
+    X4,
+    LidarModel,
+)
+from dart_lab.sim.lidar.encoders import ExpressEncoder, Ld19Encoder, RplidarEncoder, X4Encoder
 
 LIDAR_OFF = ("0", "none")
 MODELS = {model.key: model for model in LIDAR_MODELS}
@@ -60,12 +67,14 @@ class LidarParams:
         """Return the model."""
         return MODELS[self.kind]
 
-    def make_encoder(self) -> X4Encoder | Ld19Encoder | RplidarEncoder:
+    def make_encoder(self) -> X4Encoder | Ld19Encoder | RplidarEncoder | ExpressEncoder:
         """Make the encoder of the model's bytes."""
         if self.model is LD19:
             return Ld19Encoder(self.rate)
         if self.model is RPLIDAR:
             return RplidarEncoder()
+        if self.model is RPLIDAR_EXPRESS:
+            return ExpressEncoder()
         return X4Encoder(self.rate, self.hertz != 0.0)
 
     @property
@@ -92,9 +101,11 @@ NOMINAL = {
     RPLIDAR.key: LidarParams(kind=RPLIDAR.key, rate=5.5, noise=0.012, dropout=0.03, least=0.15,
                              most=12.0),
 }
+NOMINAL[RPLIDAR_EXPRESS.key] = replace(NOMINAL[RPLIDAR.key], kind=RPLIDAR_EXPRESS.key)
 # Ranges of revolutions per second and of noise [m] from unit to unit.
 _UNITS = {X4.key: ((7.3, 8.1), (0.012, 0.018)), LD19.key: ((9.9, 10.1), (0.008, 0.013)),
-          RPLIDAR.key: ((5.2, 5.9), (0.009, 0.015))}
+          RPLIDAR.key: ((5.2, 5.9), (0.009, 0.015)),
+          RPLIDAR_EXPRESS.key: ((5.2, 5.9), (0.009, 0.015))}
 
 
 def hidden_lidar(seed: int, kind: str = X4.key) -> LidarParams:
