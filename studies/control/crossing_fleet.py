@@ -73,8 +73,9 @@ class Emulated:
     world; pulses: of each car's ESC (rise, fall) [s]."""
 
     def __init__(self, layout, routes, room: str, folder: str, world: str, hidden=None,
-                 cars=()) -> None:
-        """hidden: ``Hidden`` and the seeds of its cars; None: the example's own."""
+                 cars=(), *, by_plans=False) -> None:
+        """hidden: ``Hidden`` and the seeds of its cars; None: the example's own; by_plans: they
+        share their plans instead of an order."""
         self.layout, self.of = layout, example()
         self.of.ROUTES = tuple(routes)
         if hidden is None:
@@ -93,10 +94,11 @@ class Emulated:
         self.fleet = Fleet(opened)
         self.fleet.members = tuple(join(car, room, name=name) for car, name in zip(
             opened, self.fleet.names, strict=True))
-        self.minds = self.of.crossers(self.fleet, layout)
+        make = self.of.plan_crossers if by_plans else self.of.crossers
+        self.minds = make(self.fleet, layout)
         self.lanes = [layout.routes[layout.number(route)].lane for route, _ in routes]
         self.rows, self.across, self.kept = [], [inf] * len(opened), [0] * len(opened)
-        for n, mind in enumerate(self.minds):
+        for n, mind in enumerate(() if by_plans else self.minds):
             self._keep(n, mind)
 
     def _keep(self, n, mind) -> None:
@@ -116,10 +118,10 @@ class Emulated:
                     self._faulty(k, motions, t, fault)
                 else:
                     self._answer(k, motions)
-            self.rows.append((t, self.middles(), [mind.last.wait for mind in self.minds],
+            self.rows.append((t, self.middles(), [mind.wait for mind in self.minds],
                               [world.t for world in self.worlds]))
             for k, mind in enumerate(self.minds):
-                if mind.s > self.layout.exit[mind.coordinator.route]:
+                if mind.s > self.layout.exit[mind.route]:
                     self.across[k] = min(self.across[k], t)
             if max(self.across) < inf:
                 return

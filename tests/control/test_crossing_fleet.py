@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import inf
 
+import numpy as np
 import pytest
 
+from dart_hal.control.crossing import plan_crosser
 from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait, StopLine
 from dart_hal.control.crossing.layouts import LAYOUTS
+from dart_hal.control.crossing.plan_crosser import PlanCrosser, PlanWait
 from studies.control.crossing_fleet import Emulated, Fault
 
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
@@ -69,3 +73,59 @@ def test_without_the_order_two_cars_touch(monkeypatch, tmp_path):
                   "touch") as cars:
         cars.drive(8.0)
         assert cars.least < 0.35
+
+
+# -- cars that share their plans ------------------------------------------------------------------
+
+def drive_by_plans(folder, loss, seconds):
+    """Two emulated cars that share their plans, as driven."""
+    room = f"local://plans?loss={loss:g}&delay=0.01&jitter=0.04&seed=3"
+    folder.mkdir(exist_ok=True)
+    with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(folder), "plans",
+                  by_plans=True) as cars:
+        cars.drive(seconds)
+    return cars
+
+
+def driven_while(cars, n, wait, settling=0.6):
+    """Whether each pulse at the ESC of car n is not neutral, in a state that lasts ``settling`` s.
+    """
+    since, times = 0.0, []
+    for before, row in pairwise(cars.rows):
+        since = row[3][n] if row[2][n] is not before[2][n] else since
+        if row[2][n] is wait and row[3][n] > since + settling:
+            times.append((before[3][n], row[3][n]))
+    return [cars.driving(n, *span) > 0 for span in times]
+
+
+@pytest.mark.slow
+def test_cars_that_share_plans_drive_while_they_pass_though_messages_are_lost(tmp_path):
+    cars = drive_by_plans(tmp_path, 0.5, 12.0)
+    assert max(cars.across) < inf
+    assert cars.fleet.contacts == ()
+    for n in range(2):
+        assert np.mean(driven_while(cars, n, PlanWait.GOING)) > 0.3
+
+
+@pytest.mark.slow
+def test_a_car_that_leaves_its_plan_stops_at_neutral(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan_crosser, "MAX_DEVIATION", 0.01)
+    cars = drive_by_plans(tmp_path, 0.5, 4.0)
+    stood, end = cars.rows[-100][3], cars.rows[-1][3]
+    for n, mind in enumerate(cars.minds):
+        assert "from the plan that was shared" in mind.why
+        assert cars.driving(n, stood[n], end[n]) == 0, "the last second at the pin"
+        assert cars.driving(n, 0.0, stood[n]) > 10, "control: it drove there"
+
+
+@pytest.mark.slow
+def test_without_any_message_cars_that_share_plans_stay_at_neutral(tmp_path, monkeypatch):
+    cars = drive_by_plans(tmp_path, 1.0, 3.0)
+    for n in range(2):
+        waited = driven_while(cars, n, PlanWait.WAITING)
+        assert len(waited) > 100
+        assert not any(waited)
+    follow_plan = PlanCrosser._follow_plan
+    monkeypatch.setattr(PlanCrosser, "_follow_plan", lambda self, t: follow_plan(self, t) or 0.4)
+    assert any(driven_while(drive_by_plans(tmp_path / "rolls", 1.0, 3.0), 0, PlanWait.WAITING)), (
+        "control: a car that says it waits, and rolls")
