@@ -160,9 +160,10 @@ def test_a_minimum_time_line_is_faster_and_driven_as_predicted(name, gain):
     line = minimum_time_line(path, 0.3, PLANT, 5.0)
     least_curvature = speed_profile(raceline(path, 0.3, PLANT, 5.0), PLANT, 5.0).time
     assert speed_profile(line, PLANT, 5.0).time < (1.0 - gain) * least_curvature
-    predicted, driven, _, why = drive_laps(line, 5.0)
-    assert why == "the path is driven"
-    assert driven == pytest.approx(predicted, rel=0.03)
+    for tracker in ("lqr", "mpcc"):
+        predicted, driven, _, why = drive_laps(line, 5.0, tracker)
+        assert why == "the path is driven"
+        assert driven == pytest.approx(predicted, rel=0.03), tracker
 
 
 def test_racelines_that_cannot_be():

@@ -10,6 +10,7 @@ import pytest
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Constraints, solve
+from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.control.mpc.model import STAGE_PERIOD, linearise, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
 from dart_hal.control.mpc.planner import PlanOutcome
@@ -28,6 +29,7 @@ from studies.control.mpc_loop import (
     controller,
     figures,
     lap,
+    limits_of,
     margin,
 )
 
@@ -117,6 +119,38 @@ def test_slopes_of_a_stage(p):
             slope = (np.array(stage(*(point + e))) - stage(*(point - e))) / 2e-5
             found = a[k, :, i] if i < 8 else b[k, :, i - 8]
             assert found == pytest.approx(slope, abs=2e-3)
+
+
+def plan_before_a_bend(brake: float) -> np.ndarray:
+    """Speed of a plan minus the target speed [m/s], which falls by 3 m/s2 from 1 m on."""
+    def target(s):
+        return np.sqrt(np.clip(9.0 - 6.0 * (s - 1.0), 1.0, 9.0))
+
+    mpc = Mpcc(P, Path([(20.0, 0.0)], closed=False), target,
+               replace(limits_of(P), brake=brake))
+    state = np.array((0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.35, 0.0))
+    for k in range(3):
+        plan = mpc.plan(1e-9 * k, state, 0.0, (0.35, 0.0))
+    assert plan.outcome is PlanOutcome.SOLVED
+    return plan.states[5:, 3] - target(plan.s[5:])
+
+
+def test_a_plan_brakes_before_a_bend_as_the_profile_does():
+    """Neither late nor early: the mean speed of a stage is aimed at that of its middle."""
+    assert np.abs(plan_before_a_bend(0.2)).max() < 0.07
+    assert plan_before_a_bend(0.0).min() < -0.09, "control: without a brake it is slow too early"
+
+
+def test_a_throttle_below_the_dead_band_brakes_a_moving_car_alone():
+    stage = make_stage(P)
+    onset = -P.motor.g
+
+    def speed_after(speed: float, tau: float) -> float:
+        return stage(0.0, 0.0, 0.0, speed, 0.0, 0.0, tau, 0.0, tau, 0.0)[3]
+
+    change = speed_after(2.0, onset - 0.1) - speed_after(2.0, onset - 0.001)
+    assert change == pytest.approx(-0.1 * P.motor.d / P.body.mass * STAGE_PERIOD, rel=0.1)
+    assert speed_after(0.0, onset - 0.1) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_errors_off_a_path_and_their_slopes():

@@ -16,8 +16,9 @@ from studies.control.mpc_loop import Loop, P, controller
 from tests.control.test_mpc import CORNERING, TRACK
 
 TEST_STATES = np.array([CORNERING, (1.0, 2.0, -3.0, 0.4, 0.0, 0.1, 0.2, -0.4),
-                        (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.35, -0.8)])
-INPUTS = np.array([(0.3, 0.2), (0.25, -0.5), (0.4, -0.9)])
+                        (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.35, -0.8),
+                        (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.05, -0.8)])
+INPUTS = np.array([(0.3, 0.2), (0.25, -0.5), (0.4, -0.9), (0.0, -0.9)])
 pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")
 
 

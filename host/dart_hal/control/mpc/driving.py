@@ -7,6 +7,7 @@ from math import tan
 
 import numpy as np
 
+from dart_hal.control.lap import MAX_LONGITUDINAL
 from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.control.plant import Plant, PredictedMotion
 from dart_hal.core.types import FloatArray
@@ -17,9 +18,9 @@ from dart_hal.vehicle.parameters import Delay, Vehicle
 PLAN_BUDGET = 0.05
 # Number of late plans in a row over which the last plan is still as good as the model.
 MAX_LATE_PLANS = 3
-# Time ahead at which the speed of the plan is the setpoint [s]: the delay of the speed loop, and a
-# reserve.
-SPEED_LOOKAHEAD = 0.3
+# Time ahead [s]: the setpoint is the faster one of the plan now and then. Before a bend the car so
+# brakes no earlier than planned, after it the loop's delay costs less speed.
+SPEED_LOOKAHEAD = 0.1
 # Smallest range of throttle above the dead band.
 MIN_THROTTLE_RANGE = 0.1
 
@@ -37,6 +38,12 @@ def input_ranges(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]
     low, high = (plant.command_of(angle) for angle in plant.lock)
     onset = -apply_parameter_effects(plant.vehicle).duty_motor.g
     return (onset, max(plant.max_throttle, onset + MIN_THROTTLE_RANGE)), (low, high)
+
+
+def brake_range(plant: Plant) -> float:
+    """Return the throttle below the dead band with which a plan brakes as hard as a profile may."""
+    motor = apply_parameter_effects(plant.vehicle).duty_motor
+    return min(plant.brake, MAX_LONGITUDINAL) * plant.vehicle.body.mass / motor.d
 
 
 def make_first_state(

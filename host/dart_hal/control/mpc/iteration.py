@@ -112,13 +112,16 @@ class Mpcc(MpcPlanner[MpcPlan]):
         lane = self.corridor.bounds(progress + self.vehicle.body.l_r, times)
         outcome = PlanOutcome.BLOCKED if self.corridor.blocked else PlanOutcome.SOLVED
         stop_distance = self.stop_line - progress if self.stop_line < inf else None
+        # v_s is the mean speed of a stage, so its target is that of the middle.
+        target_speed = self.speed_of(np.append(s, progress))
         h, g, constraints = self.problem.build(
             states[1:],
             inputs,
             last_inputs,
             condensed,
             errors,
-            self.speed_of(progress),
+            0.5 * (target_speed[:-1] + target_speed[1:]),
+            target_speed[1:],
             lane,
             stop_distance,
         )

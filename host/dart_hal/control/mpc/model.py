@@ -114,6 +114,7 @@ def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityS
     """
     rates = make_dynamic(p, f)
     gains = make_motor_gains(p.motor, f)
+    brake = _make_brake(p, f)
     steering = make_steering(p.steering, f)
     implicit = THETA * h
     step_rolling = _make_rolling_step(p, f, h)()
@@ -122,7 +123,8 @@ def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityS
                     st: Value) -> tuple[Value, Value, Value]:
         (k0, k1) = gains(tau)
         delta = steering(st)
-        _, _, _, ax, ay, om_dot = rates(0.0, vx, vy, om, k0, k1, 0.0, f.cos(delta), f.sin(delta))
+        _, _, _, ax, ay, om_dot = rates(0.0, vx, vy, om, k0, k1, brake(tau), f.cos(delta),
+                                        f.sin(delta))
         return ax, ay, om_dot
 
     def prepare_step(vx: Value, vy: Value, om: Value, tau: Value, st: Value) -> VelocityStep:
@@ -165,18 +167,26 @@ def _make_rolling_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocitySt
     """As ``_make_slipping_step`` for a car that rolls without slip."""
     rates = make_kinematic(p, f)
     gains = make_motor_gains(p.motor, f)
+    brake = _make_brake(p, f)
     steering = make_steering(p.steering, f)
 
     def step_velocity(vx: Value, _vy: Value, _om: Value, tau: Value, _st: Value,
                       st_end: Value) -> tuple[Value, Value, Value]:
         (k0, k1) = gains(tau)
         tan_delta = f.tan(steering(st_end))
-        _, _, _, ax = rates(0.0, vx, k0, k1, 0.0, tan_delta)
+        _, _, _, ax = rates(0.0, vx, k0, k1, brake(tau), tan_delta)
         vx = vx + h * ax
         _, vy, om, _ = rates(0.0, vx, k0, k1, 0.0, tan_delta)
         return vx, vy, om
 
     return lambda *_: step_velocity
+
+
+def _make_brake(p: Vehicle, f: Any) -> Callable[[Value], Value]:
+    """Return ``brake(tau)`` [N]: for each throttle below the dead band the force that the motor has
+    above it."""
+    motor = p.duty_motor
+    return lambda tau: motor.d * f.fmax(0.0, -motor.g - tau)
 
 
 def linearise(

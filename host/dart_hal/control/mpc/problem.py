@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.mpc.admm import Constraints
-from dart_hal.control.mpc.model import STAGE_PERIOD
+from dart_hal.control.mpc.model import MIN_SLIPPING_SPEED, STAGE_PERIOD
 from dart_hal.control.mpc.reference import PathErrors
 from dart_hal.core.types import FloatArray
 
@@ -79,7 +79,8 @@ class MpcLimits:
     lateral [m/s2]: acceleration; lane [m]: half width.
 
     tau begins at the motor's dead band: below it the force does not depend on tau, and the
-    optimiser would find no slope that starts a car at rest.
+    optimiser would find no slope that starts a car at rest. brake: how far the throttle of a moving
+    car may go below it, where it brakes (``model``).
     """
 
     tau: tuple[float, float]
@@ -88,6 +89,7 @@ class MpcLimits:
     fastest: float = 5.0
     lateral: float = 6.5
     lane: float = 0.3
+    brake: float = 0.0
 
 
 class Condensed(NamedTuple):
@@ -177,12 +179,14 @@ class ContouringProblem:
         condensed: Condensed,
         errors: PathErrors,
         target_speed: FloatArray,
+        end_speed: FloatArray,
         lane: tuple[FloatArray, FloatArray],
         stop_distance: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray, Constraints]:
         """Return (H, g, constraints) for states (n, 8) at the ends of the stages and inputs (3, n).
 
-        last_inputs: tau, st that were sent last; target_speed (n,) [m/s]; lane: low, high (n,) [m];
+        last_inputs: tau, st that were sent last; target_speed, end_speed (n,) [m/s]: in the middle
+        and at the end of each stage; lane: low, high (n,) [m];
         stop_distance (n,) [m]: from the progress to the stop line, None without one.
         """
         n = self.n
@@ -209,12 +213,15 @@ class ContouringProblem:
         zeros = np.zeros((n, n))
         max_progress = np.full(n, MAX_PROGRESS_STEP)
         a_lat = self.limits.lateral
+        low = self._low.copy()
+        low[:n] -= self.limits.brake * np.clip(
+            (states[:, STATE_VX] - MIN_SLIPPING_SPEED) / MIN_SLIPPING_SPEED, 0.0, 1.0)
         constraints = Constraints(
             np.vstack([self._fixed, across, np.hstack([speed_slopes, zeros]),
                        np.hstack([lateral, zeros])]),
             np.concatenate(
                 [
-                    self._low - u,
+                    low - u,
                     -self._max_change - input_change,
                     -max_progress,
                     lane[0] - e_c,
@@ -228,7 +235,7 @@ class ContouringProblem:
                     self._max_change - input_change,
                     max_progress,
                     lane[1] - e_c,
-                    MAX_SPEED_RATIO * target_speed - speed,
+                    MAX_SPEED_RATIO * end_speed - speed,
                     a_lat - speed * omega,
                 ]
             ),

@@ -23,6 +23,7 @@ from dart_hal.control.mpc.disturbance import DisturbancePrediction
 from dart_hal.control.mpc.driving import (
     PLAN_BUDGET,
     SPEED_LOOKAHEAD,
+    brake_range,
     describe_failure,
     input_ranges,
     make_first_state,
@@ -147,7 +148,8 @@ class Contouring(PathTracker, Generic[PlannerT]):
                 self.predictions.append(PredictedPath(x, y, std))
             self._plan_count += 1
         if self.plan is not None:
-            self.speed = float(self.plan.state_at(motion.t + SPEED_LOOKAHEAD)[3])
+            self.speed = max(float(self.plan.state_at(motion.t + ahead)[3])
+                             for ahead in (0.0, SPEED_LOOKAHEAD))
         return self._hold_steering(motion)
 
     def set_moving_obstacles(self, others: tuple[Obstacle, ...]) -> None:
@@ -210,6 +212,7 @@ def _check_passable(k: int, disc: Disc, o: Obstacle, lane: float) -> None:
 
 
 def _limits(plant: Plant) -> MpcLimits:
-    """Return the limits of the car: dead band, stops, largest throttle; tyres by the model."""
+    """Return the limits of the car: dead band, stops, throttle, brake; tyres by the model."""
     ends = np.abs(plant.steady.tyre_limits) * SPEEDS**2
-    return MpcLimits(*input_ranges(plant), lateral=TYRE_SHARE * float(ends.max(axis=1).min()))
+    return MpcLimits(*input_ranges(plant), lateral=TYRE_SHARE * float(ends.max(axis=1).min()),
+                     brake=brake_range(plant))
