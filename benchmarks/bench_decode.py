@@ -33,9 +33,14 @@ class Row(NamedTuple):
     what: str
 
 
+def draw_frames(seconds: float) -> list[bytes]:
+    """The frames of a drive of so many seconds."""
+    return samples.drive(seconds, seed=1)
+
+
 def run(seconds: float = 200.0) -> list[Row]:
     """Decode a drive of so many seconds in every way; the rows of the table."""
-    frames = samples.drive(seconds, seed=1)
+    frames = draw_frames(seconds)
     stream, count = b"".join(frames), len(frames)
 
     def row(name: str, target: float, what: str, decode: Callable[[], int], n: int) -> Row:
@@ -43,11 +48,11 @@ def run(seconds: float = 200.0) -> list[Row]:
 
     return [
         row("byte loop", 0, "one byte at a time, bitwise CRC",
-            lambda: _byte_loop(b"".join(frames[:2000])), 2000),
+            lambda: decode_bytewise(b"".join(frames[:2000])), 2000),
         row("live, one read per frame", 150e3, "Decoder, values unpacked",
-            lambda: _live(frames), count),
+            lambda: decode_live(frames), count),
         row("live, reads of 4096 B", 150e3, "Decoder, values unpacked",
-            lambda: _live([stream[i:i + 4096] for i in range(0, len(stream), 4096)]), count),
+            lambda: decode_live([stream[i:i + 4096] for i in range(0, len(stream), 4096)]), count),
     ]
 
 
@@ -70,7 +75,8 @@ def _best(decode: Callable[[], int], expected: int) -> float:
     return best_cpu(checked, ROUNDS)
 
 
-def _live(reads: list[bytes]) -> int:
+def decode_live(reads: list[bytes]) -> int:
+    """Return the number of frames in so many reads, with their values unpacked."""
     decoder, count = FrameDecoder(UP), 0
     for read in reads:
         for frame in decoder.feed(read):
@@ -79,7 +85,7 @@ def _live(reads: list[bytes]) -> int:
     return count
 
 
-def _byte_loop(stream: bytes) -> int:
+def decode_bytewise(stream: bytes) -> int:
     """The decoder that one writes first."""
     count, raw, left, code = 0, bytearray(), 0, 0xFF
     for byte in stream:

@@ -1,6 +1,6 @@
 """Every figure of the benchmarks page, measured here and now.
 
-    python benchmarks/run.py [--only NAME ...] [--quick] [--json] [--strict]
+    python benchmarks/run.py [--only NAME ...] [--quick] [--json] [--strict] [--max-worse TIMES]
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import bench_joint
 import bench_lidar
 import bench_light
 import bench_mpc
+import bench_ratios
 import bench_recording
 import bench_room
 import bench_solver
@@ -54,7 +55,7 @@ def estimation(scale: float = 1.0) -> list[Figure]:
     return rows
 
 
-BENCHES: dict[str, Callable[[float], list[Figure]]] = {
+BENCHES: dict[str, Callable[..., list[Figure]]] = {
     "encoder": bench_encoder.figures,
     "decode": bench_decode.figures,
     "recording": bench_recording.figures,
@@ -66,6 +67,7 @@ BENCHES: dict[str, Callable[[float], list[Figure]]] = {
     "mpc": bench_mpc.figures,
     "lidar": bench_lidar.figures,
     "emulation": bench_emulation.figures,
+    "ratios": bench_ratios.figures,
     "clock": bench_clock.figures,
     "firmware": bench_firmware.figures,
     "calibration": bench_calibration.figures,
@@ -83,10 +85,12 @@ def main(arguments: list[str] | None = None) -> int:
     console = Console(stderr=True)
     rows: dict[str, list[Figure]] = {}
     missing: dict[str, str] = {}
+    bounds = {"ratios": {"max_worse": options.max_worse}}
     for name in options.only or BENCHES:
         with console.status(f"measuring: {name}"):
             try:
-                rows[name] = BENCHES[name](QUICK if options.quick else 1.0)
+                rows[name] = BENCHES[name](QUICK if options.quick else 1.0,
+                                           **bounds.get(name, {}))
             except EmulatorMissing as why:
                 missing[name] = why.what
     if options.json:
@@ -105,6 +109,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="a fifth of the lengths")
     parser.add_argument("--json", action="store_true", help="JSON on standard output")
     parser.add_argument("--strict", action="store_true", help="exit 1 when a target is missed")
+    parser.add_argument("--max-worse", type=float, metavar="TIMES",
+                        default=bench_ratios.MAX_WORSE,
+                        help="limit of a ratio over the committed one (%(default)s)")
     return parser
 
 
