@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from dart_hal.core.errors import ClusterFailed, UsageError
+from dart_hal.core.errors import ClusterFailed, LinkLost, UsageError
 from dart_hal.core.process import cluster as clusters
 from dart_hal.core.process import jobs
 from dart_hal.core.process.cluster import use_cluster
@@ -216,6 +216,22 @@ def test_diagnosis_on_a_dying_cluster_leaves_no_file(verb, mortal, monkeypatch, 
     assert "was lost while it computed" in error["what"]
     assert "start the scheduler and the workers again" in error["try"]
     assert not list(tmp_path.iterdir())
+
+
+class Client:
+    """A client of which only the watch is known."""
+
+
+@pytest.mark.parametrize(("error", "expected"), [
+    (OSError("timed out"), ClusterFailed), (FileNotFoundError(2, "no such file", "run.csv"),
+                                            FileNotFoundError), (LinkLost("gone"), LinkLost)])
+def test_errors_of_the_work_are_not_taken_for_a_lost_cluster(error, expected):
+    pytest.importorskip("distributed", reason="pip install 'dart-hal[cluster]'")
+    client = Client()
+    clusters._WATCHES[client] = clusters.ClusterWatch(client, "tcp://10.0.0.1:8786", 1.0)
+    with pytest.raises(expected) as found, clusters.report_loss(client):
+        raise error
+    assert type(found.value) is expected
 
 
 @pytest.mark.slow

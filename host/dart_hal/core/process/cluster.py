@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 from weakref import WeakKeyDictionary
 
 from dart_hal import __version__
-from dart_hal.core.errors import ClusterFailed
+from dart_hal.core.errors import ClusterFailed, DartHalError
 from dart_hal.core.process.extras import missing_module_error
 
 # s to wait for the scheduler, and then for its workers.
@@ -130,6 +130,9 @@ def report_loss(client: Any) -> Iterator[None]:
         yield
     # OSError includes the errors of a connection and a time-out.
     except (CancelledError, KilledWorker, OSError) as error:
+        # What the work itself raises, such as a missing file, is no loss of the cluster.
+        if isinstance(error, DartHalError) or getattr(error, "filename", None) is not None:
+            raise
         raise ClusterFailed(
             f"the cluster at {watch.address} was lost while it computed",
             found=watch.lost or str(error) or type(error).__name__,
