@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,26 @@ from dart_lab.identification.evaluation.prediction import CHANNELS
 # error then come from something else than noise. The largest of 144 simulated drives that hide
 # nothing is 1.5, see docs/results/noise_floor.md.
 MAX_OVER_FLOOR = 2.0
+
+
+def as_json(value: Any) -> Any:
+    """Return a value in JSON types; an object with a method ``to_json`` becomes its result."""
+    if hasattr(value, "to_json"):
+        return value.to_json()
+    if isinstance(value, Mapping):
+        return {key: as_json(one) for key, one in value.items()}
+    return [as_json(one) for one in value] if isinstance(value, tuple) else value
+
+
+class JsonFields:
+    """A dataclass whose JSON object has all its fields, by their names."""
+
+    __slots__ = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields, each by ``as_json``."""
+        return {f.name: as_json(getattr(self, f.name))
+                for f in fields(self)}  # type: ignore[arg-type]  # a dataclass
 
 
 class Ratio(NamedTuple):
@@ -59,7 +79,7 @@ class HeldOutError:
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorMoment:
+class ErrorMoment(JsonFields):
     """Time of an error that was far larger than usual.
 
     second: in the file; error: in SI units; times: the same in robust standard deviations; speed
@@ -74,28 +94,18 @@ class ErrorMoment:
     throttle: float
     steering: float
 
-    def to_json(self) -> dict[str, Any]:
-        """As in ``outliers``."""
-        return {"file": self.file, "second": self.second, "error": self.error, "times": self.times,
-                "speed": self.speed, "throttle": self.throttle, "steering": self.steering}
-
 
 @dataclass(frozen=True, slots=True)
-class Outliers:
+class Outliers(JsonFields):
     """A channel whose errors have long tails, see ``find_outliers``; the worst moments first."""
 
     channel: str
     ratio: float
     moments: tuple[ErrorMoment, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """As in ``outliers``."""
-        return {"channel": self.channel, "ratio": self.ratio,
-                "moments": [m.to_json() for m in self.moments]}
-
 
 @dataclass(frozen=True, slots=True)
-class LateCommands:
+class LateCommands(JsonFields):
     """Commands that acted later than their log allows, see ``find_late_commands``.
 
     share: of the windows whose error depends on the age of a command; delay [s]: mean extra delay;
@@ -107,14 +117,9 @@ class LateCommands:
     log_likelihood: float
     moments: tuple[ErrorMoment, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """As ``late_commands``."""
-        return {"share": self.share, "delay": self.delay, "log_likelihood": self.log_likelihood,
-                "moments": [m.to_json() for m in self.moments]}
-
 
 @dataclass(frozen=True, slots=True)
-class PathWindow:
+class PathWindow(JsonFields):
     """The path of the centre of mass in one window of a recording, measured and predicted.
 
     kind: worst or median, by the position error of the model ``chosen_by`` at the end of the
@@ -134,10 +139,8 @@ class PathWindow:
 
     def to_json(self) -> dict[str, Any]:
         """As in ``paths``; lengths to a millimetre."""
-        return {"kind": self.kind, "chosen_by": self.chosen_by, "error": self.error,
-                "windows": self.windows, "file": self.file, "second": self.second,
-                "step": self.step,
-                "paths": {name: np.round(xy, 3).tolist() for name, xy in self.paths.items()}}
+        paths = {name: np.round(xy, 3).tolist() for name, xy in self.paths.items()}
+        return {**JsonFields.to_json(self), "paths": paths}
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dart_hal.vehicle.effects import catalogue
-from dart_hal.vehicle.flat import value
 
 from .evidence.noise import Noise
 from .evidence.residuals import Evidence
-from .result import ParameterEstimate
+from .result import ParameterEstimate, estimate_effects
 from .search.fit import Point, covariance
 from .search.forward import ForwardSearch
 from .search.selection import label_point_rows
@@ -58,6 +57,4 @@ def describe_imu_mounting(fit: MountingFit, evidence: Evidence
     point = fit.point
     block = label_point_rows(evidence, point).block
     stds = point.space.standard_errors(point.x, covariance(point, block))
-    return {n: {q.name: ParameterEstimate(float(value(point.vehicle, f"{n}.{q.name}")),
-                                          stds[f"{n}.{q.name}"], q.unit, q.null)
-                for q in catalogue()[n].parameters} for n in names}
+    return estimate_effects(point.vehicle, names, stds)

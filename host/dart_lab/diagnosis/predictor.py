@@ -34,7 +34,7 @@ from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FIRST_PASSES, CrossValidatedFit, EqualFits
 from .gains import RecordingSet
 from .grade.accept import impossible_size
-from .result import BestPredictor, ParameterEstimate
+from .result import BestPredictor, ParameterEstimate, estimate_effects
 from .search.fit import Point
 from .search.forward import effect_names
 from .search.scan import scan
@@ -142,10 +142,7 @@ class _PredictorSearch:
         """Return the best predictor; read: accepted effects that only sensors show."""
         vehicle = self.fits.vehicle_for_log(best.fit)
         stds = self._jackknife(best)
-        effects = {a.name: {q.name: ParameterEstimate(value(vehicle, f"{a.name}.{q.name}"),
-                                           stds[f"{a.name}.{q.name}"], q.unit, q.null)
-                            for q in a.effect.parameters}
-                   for a in vehicle.effects if a.name in self.found(best.fit)}
+        effects = estimate_effects(vehicle, self.found(best.fit), stds)
         numbers = {n: ParameterEstimate(value(vehicle, n), std, unit(vehicle, n))
                    for n, std in stds.items() if n.partition(".")[0] not in effects}
         left_out = {fold.case.file: HeldOutError(tuple(base), tuple(changed))

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import (
     Excess,
     HeldOutError,
+    JsonFields,
     LateCommands,
     Outliers,
     PathWindow,
     Ratio,
+    as_json,
     find_excesses,
     geometric_mean,
 )
@@ -26,7 +30,7 @@ VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "pa
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterEstimate:
+class ParameterEstimate(JsonFields):
     """One parameter of a cause, with its standard error and the value that changes nothing."""
 
     value: float
@@ -34,13 +38,17 @@ class ParameterEstimate:
     unit: str
     null: float = 0.0
 
-    def to_json(self) -> dict[str, Any]:
-        """{"value", "std", "unit", "null"}."""
-        return {"value": self.value, "std": self.std, "unit": self.unit, "null": self.null}
+
+def estimate_effects(vehicle: Vehicle, names: Iterable[str], stds: Mapping[str, float]
+                     ) -> dict[str, dict[str, ParameterEstimate]]:
+    """Return the parameters of effects of a vehicle, by effect; stds: by effect and parameter."""
+    return {n: {q.name: ParameterEstimate(float(value(vehicle, f"{n}.{q.name}")),
+                                          stds[f"{n}.{q.name}"], q.unit, q.null)
+                for q in catalogue()[n].parameters} for n in names}
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(JsonFields):
     """A parameter of the base model that the refit changed; doubt: why it may be wrong."""
 
     before: float
@@ -48,11 +56,6 @@ class ParameterChange:
     std: float
     unit: str
     doubt: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """{"before", "after", "std", "unit", "doubt"}."""
-        return {"before": self.before, "after": self.after, "std": self.std, "unit": self.unit,
-                "doubt": self.doubt}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,7 @@ class Constancy:
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class Cause(JsonFields):
     """An accepted effect with its sizes, probability and confounders.
 
     enters: stage of the effect; loss: drop of the robust loss on the training recordings.
@@ -134,19 +137,12 @@ class Cause:
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``causes``."""
-        return {"effect": self.effect, "title": self.title, "enters": self.enters,
-                "probability": self.probability,
-                "sizes": {k: {"relative": a, "std": s} for k, (a, s) in self.sizes.items()},
-                "constancy": self.constancy.to_json(),
-                "parameters": {k: n.to_json() for k, n in self.parameters.items()},
-                "p_value": self.p_value, "loss": self.loss, "evidence": list(self.evidence),
-                "gain": self.gain.to_json(), "cost": _cost(self.cost),
-                "cannot_be_told_from": list(self.cannot_be_told_from),
-                "experiment": self.experiment}
+        sizes = {k: {"relative": a, "std": s} for k, (a, s) in self.sizes.items()}
+        return {**JsonFields.to_json(self), "sizes": sizes, "cost": _cost(self.cost)}
 
 
 @dataclass(frozen=True, slots=True)
-class QuantityChange:
+class QuantityChange(JsonFields):
     """A quantity of the car that a mechanic can check: by the model as given, and as fitted."""
 
     before: float
@@ -154,13 +150,9 @@ class QuantityChange:
     std: float
     unit: str
 
-    def to_json(self) -> dict[str, Any]:
-        """{"before", "after", "std", "unit"}."""
-        return {"before": self.before, "after": self.after, "std": self.std, "unit": self.unit}
-
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class Claim(JsonFields):
     """Parameters of the model that were wrong.
 
     cost: root of the robust loss of the test recordings with this group at its old value over that
@@ -189,17 +181,13 @@ class Claim:
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``parameters``."""
-        return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
-                "probability": self.probability, "cost": _cost(self.cost),
-                "quantities": {k: c.to_json() for k, c in self.quantities.items()},
-                "cannot_be_told_from": list(self.cannot_be_told_from),
-                "experiment": self.experiment,
+        return {**JsonFields.to_json(self), "cost": _cost(self.cost),
                 "constancy": {**self.constancy.to_json(), "constant": self.constant,
                               "changes_with": None if self.constant else self.constancy.along}}
 
 
 @dataclass(frozen=True, slots=True)
-class Possible:
+class Possible(JsonFields):
     """An effect that the search found, and that is not accepted.
 
     grade: "likely" or "possible", by its probability; why: reason of the rejection.
@@ -212,25 +200,15 @@ class Possible:
     why: str = ""
     grade: str = "possible"
 
-    def to_json(self) -> dict[str, Any]:
-        """As in the list ``possible``."""
-        return {"effect": self.effect, "title": self.title, "probability": self.probability,
-                "grade": self.grade, "loss": self.loss, "why": self.why}
-
 
 @dataclass(frozen=True, slots=True)
-class Considered:
+class Considered(JsonFields):
     """An effect that was not accepted, and why. loss: drop of the robust loss."""
 
     effect: str
     p_value: float
     loss: float
     why_not: str
-
-    def to_json(self) -> dict[str, Any]:
-        """As in the list ``considered``."""
-        return {"effect": self.effect, "p_value": self.p_value, "loss": self.loss,
-                "why_not": self.why_not}
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,11 +285,8 @@ class BestPredictor:
     def to_json(self) -> dict[str, Any]:
         """As ``predictor``."""
         ratio, low, high = self.ratio
-        return {"effects": {e: {k: n.to_json() for k, n in numbers.items()}
-                            for e, numbers in self.effects.items()},
-                "parameters": {k: n.to_json() for k, n in self.parameters.items()},
-                "ratio": ratio, "ratio_ci90": [low, high],
-                "left_out": {k: one.to_json() for k, one in self.left_out.items()},
+        return {"effects": as_json(self.effects), "parameters": as_json(self.parameters),
+                "ratio": ratio, "ratio_ci90": [low, high], "left_out": as_json(self.left_out),
                 "tried": [{"effects": list(names), "ratio": r.value, "ratio_ci90": [r.low, r.high]}
                           for names, r in self.tried],
                 "errors": self.horizons}
@@ -378,26 +353,19 @@ class Diagnosis:
         """As ``dart-hal diagnose --json`` prints it."""
         return {
             "verdict": self.verdict,
-            "base": {"model": self.model,
-                     "refitted": {k: m.to_json() for k, m in self.refitted.items()},
+            "base": {"model": self.model, "refitted": as_json(self.refitted),
                      "errors": self.stages[0].horizons},
-            "parameters": [c.to_json() for c in self.claims],
-            "causes": [c.to_json() for c in self.causes],
-            "possible": [p.to_json() for p in self.possible],
-            "considered": [c.to_json() for c in self.considered],
-            "unexplained": [u.to_json() for u in self.unexplained],
-            "outliers": [o.to_json() for o in self.outliers],
-            "late_commands": self.late_commands and self.late_commands.to_json(),
-            "paths": [w.to_json() for w in self.paths],
+            "parameters": as_json(self.claims),
+            **{name: as_json(getattr(self, name)) for name in (
+                "causes", "possible", "considered", "unexplained", "outliers", "late_commands",
+                "paths", "mounting", "notes", "withdrawn")},
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,
                          "gain": {k: g.test for k, g in self.gain.items()},
                          "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},
-            "mounting": {e: {k: n.to_json() for k, n in numbers.items()}
-                         for e, numbers in self.mounting.items()},
             "predictor": self.predictor and {"model": self.predictor_written,
                                              **self.predictor.to_json()},
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
-            "ctrv": self.ctrv, "noise_floor": dict(self.noise_floor), "notes": list(self.notes),
-            "withdrawn": list(self.withdrawn), "ranking": dict(self.ranking), "seed": self.seed,
+            "ctrv": self.ctrv, "noise_floor": dict(self.noise_floor),
+            "ranking": dict(self.ranking), "seed": self.seed,
             "false_alarm": self.false_alarm, "runtime_s": self.runtime_s,
             "files": {k: dict(f) for k, f in self.files.items()}}

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dart_hal.vehicle.effects import apply, catalogue
-from dart_hal.vehicle.flat import value
+from dart_hal.vehicle.effects import apply
 
 from .evidence.residuals import Evidence
 from .final_fit import FinalFit
-from .result import ParameterEstimate
+from .result import ParameterEstimate, estimate_effects
 from .search.fit import Point, refit
 from .search.forward import ForwardSearch
 
@@ -56,6 +55,4 @@ def describe_servo(final: FinalFit, searched: Point) -> Mapping[str, Mapping[str
     """Return the parts of the servo that only the final fit has, by effect and parameter."""
     had = {a.name for a in searched.vehicle.effects}
     names = [a.name for a in final.vehicle.effects if a.name in FIRST_SIZES and a.name not in had]
-    return {n: {q.name: ParameterEstimate(float(value(final.vehicle, f"{n}.{q.name}")),
-                                          final.stds[f"{n}.{q.name}"], q.unit, q.null)
-                for q in catalogue()[n].parameters} for n in names}
+    return estimate_effects(final.vehicle, names, final.stds)
