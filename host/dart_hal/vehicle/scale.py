@@ -76,7 +76,9 @@ REFERENCE_SCALE = Scale()
 
 def find_scale(body: SizedBody) -> Scale:
     """Return the scale of a car; of a batch, whose sizes are arrays, that of its median."""
-    return scale_of_sizes(float(np.median(body.wheelbase)), float(np.median(body.mass)))
+    wheelbase, mass = (float(size if isinstance(size, float) else np.median(size))
+                       for size in (body.wheelbase, body.mass))
+    return scale_of_sizes(wheelbase, mass)
 
 
 @lru_cache(maxsize=256)

@@ -61,16 +61,18 @@ def savgol_derivative(values: FloatArray, points: int, step: float = SAMPLE) -> 
     parabola through the last ``points`` values.
     """
     half = points // 2
-    offsets = np.arange(-half, half + 1, dtype=np.float64)
-    weights = offsets / (offsets @ offsets) / step
+    k = np.arange(-half, half + 1, dtype=np.float64)
+    square = k * k
+    weights = k / square.sum() / step
     out = np.empty(len(values))
     out[half:len(values) - half] = np.correlate(values, weights, mode="valid")
-    for part, target in ((slice(0, points), range(half)),
-                         (slice(len(values) - points, None), range(half + 1, points))):
-        a, b, _ = np.polyfit(offsets, values[part], 2)
-        start = 0 if part.start == 0 else len(values) - points
-        for i in target:
-            out[start + i] = (2.0 * a * offsets[i] + b) / step
+    # The curvature of the parabola: k^2 without its mean is orthogonal to 1 and k.
+    bend = square - square.mean()
+    bend /= bend @ square
+    for part, ends in ((slice(0, points), slice(0, half)),
+                       (slice(len(values) - points, None), slice(half + 1, None))):
+        y = values[part]
+        out[part][ends] = (2.0 * (bend @ y) / step) * k[ends] + weights @ y
     return out
 
 

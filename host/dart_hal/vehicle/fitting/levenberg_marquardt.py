@@ -157,6 +157,10 @@ def solve_box_quadratic(normal: FloatArray, slope: FloatArray, low: FloatArray, 
         g = slope + normal @ move
         free = ~(((move <= low) & (g > 0.0)) | ((move >= high) & (g < 0.0)))
         direction = np.zeros(len(slope))
+        if free.all():
+            end = np.asarray(move - np.linalg.solve(normal, g))
+            if ((end >= low) & (end <= high)).all():  # the minimum is inside
+                return end
         while free.any():
             direction[~free] = 0.0
             direction[free] = -np.linalg.solve(normal[np.ix_(free, free)], g[free])

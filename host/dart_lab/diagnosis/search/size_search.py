@@ -68,7 +68,7 @@ def needs_larger_sizes(gains: dict[float, float], p: Parameter, gain: Callable[[
     ks = sorted(gains)
     if len(ks) < 3:
         return True
-    curvature, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    curvature, slope = _parabola([k - p.null for k in ks], [gains[k] for k in ks])
     if not curvature < 0.0:
         return True
     maximum = -0.5 * slope / curvature
@@ -98,7 +98,7 @@ def predicts_gain(gains: Mapping[float, float], p: Parameter, changes: Mapping[f
         if near < MIN_PROPORTION * abs((ks[1] - p.null) / (ks[2] - p.null)) * far:
             return True
     # Maximum of the parabola gain(k) = slope k + curvature k^2 within the bounds.
-    curvature, slope, _ = np.polyfit([k - p.null for k in ks], [gains[k] for k in ks], 2)
+    curvature, slope = _parabola([k - p.null for k in ks], [gains[k] for k in ks])
     maximum = np.clip(p.null - 0.5 * slope / curvature, p.low,
                       p.high) - p.null if curvature < 0.0 else np.inf
     return bool(slope * maximum + curvature * maximum**2 > policy.min_predicted_loss
@@ -173,10 +173,18 @@ def parabola_maximum(gains: Mapping[float, float], bracket: tuple[float, float, 
     """
     a, b, c = bracket
     u, v, w = (gains[k] for k in bracket)
-    curvature, slope, _ = np.polyfit([a - b, 0.0, c - b], [u - v, 0.0, w - v], 2)
+    curvature, slope = _parabola([a - b, 0.0, c - b], [u - v, 0.0, w - v])
     if not curvature < 0.0:
         return b, v
     maximum = b - 0.5 * slope / curvature
     if min(abs(maximum - k) for k in bracket) < 1e-3 * (c - a):
         return b, v
     return float(np.clip(maximum, a, c)), float(v - 0.25 * slope**2 / curvature)
+
+
+def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Curvature and slope at 0 of the parabola through three points, by divided differences."""
+    (a, b, c), (u, v, w) = x, y
+    first = (v - u) / (b - a)
+    curvature = ((w - v) / (c - b) - first) / (c - a)
+    return curvature, first - curvature * (a + b)
