@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.error_summaries import geometric_mean
+from dart_lab.diagnosis.predictor import _PredictorSearch
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.words import predictor
 from dart_lab.diagnosis.write import predictor_model, write_predictor
@@ -134,6 +136,35 @@ def test_terminal_page_and_json_state_the_same(hidden, sentence, capsys):
     answer = json.loads(json.dumps(d.to_json()))["predictor"]
     assert answer["ratio_ci90"] == pytest.approx(d.predictor.ratio[1:])
     assert len(answer["left_out"]) == 4
+
+
+class FitsOfKnownLoss:
+    """Fits whose L depends on the number of effects alone; the first effect is needed least."""
+
+    def __init__(self, criteria):
+        self.criteria = criteria
+
+    def fit(self, vehicle, start):
+        names = [a.name for a in vehicle.effects]
+        return SimpleNamespace(vehicle=vehicle, wald_statistic=lambda parameters: float(
+            names.index(parameters[0].partition(".")[0])))
+
+    def judge(self, fit):
+        return SimpleNamespace(fit=fit, criterion=self.criteria[len(fit.vehicle.effects)])
+
+
+@pytest.mark.parametrize(("criteria", "sizes"), [
+    ({4: -1.0, 3: -0.95, 2: -0.98, 1: -0.91, 0: -0.5}, [4, 3, 2, 1, 0]),
+    ({4: -0.95, 3: -1.0, 2: -0.89, 0: -0.5}, [4, 3, 2, 0])])
+def test_effects_are_dropped_in_turn_until_errors_are_far_larger(criteria, sizes):
+    car = PAPER
+    for name in ("cornering_drag", "load_transfer", "rear_saturation", "roll_compliance"):
+        car = apply(car, name)
+    fits = FitsOfKnownLoss(criteria)
+    tried = _PredictorSearch(fits, frozenset()).drop_in_turn(fits.fit(car, None))
+    kept = [[a.name for a in one.fit.vehicle.effects] for one in tried]
+    assert list(map(len, kept)) == sizes
+    assert all(names == kept[0][-len(names):] for names in kept if names)
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from dart_lab.identification.evaluation.cases import Case, Prepared, prepare
 from dart_lab.identification.evaluation.compare import gain, label_blocks
 from dart_lab.identification.evaluation.prediction import (
     CHANNELS,
+    HORIZON_OFFSETS,
     errors,
     measured,
     predict,
@@ -115,22 +116,25 @@ def _cached_errors(side: RecordingSet, p: Vehicle) -> FloatArray:
     return compute_case_errors(p, side.prepared.cases if side.prepared else (), side.evidence.l_r)
 
 
-def compute_case_errors(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatArray:
+def compute_case_errors(p: Vehicle, cases: Sequence[Case], l_r: float,
+                        offsets: Sequence[int] = HORIZON_OFFSETS) -> FloatArray:
     """Compute the errors of a vehicle in recordings, as ``evaluate.errors``.
 
-    l_r: from the centre of mass to the rear axle [m], by which the recordings were read.
+    l_r: from the centre of mass to the rear axle [m], by which the recordings were read. offsets:
+    samples after each start.
     """
-    difference = compute_case_differences(p, cases, l_r)
+    difference = compute_case_differences(p, cases, l_r, offsets)
     return errors(difference, np.zeros_like(difference))
 
 
-def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatArray:
+def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float,
+                             offsets: Sequence[int] = HORIZON_OFFSETS) -> FloatArray:
     """Compute predicted minus measured states at all horizons, (horizons, 6, windows).
 
-    l_r: as in ``compute_case_errors``.
+    l_r, offsets: as in ``compute_case_errors``.
     """
     cases = correct_poses(p, cases, l_r)
-    return predict(apply_parameter_effects(p), cases) - measured(cases)
+    return predict(apply_parameter_effects(p), cases, offsets=offsets) - measured(cases, offsets)
 
 
 def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:

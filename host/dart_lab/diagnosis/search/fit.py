@@ -197,9 +197,9 @@ def refit_extended(evidence: Evidence, noise: Noise, space: Space, x: FloatArray
 
 
 def refit_reusing_jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-                           reference: Point) -> Point:
+                           reference: Point, max_iterations: int = MAX_REUSE_ITERATIONS) -> Point:
     """Minimise from x with the Jacobian of a reference; only its missing columns are computed."""
-    return _descend(evidence, noise, space, x, MAX_REUSE_ITERATIONS,
+    return _descend(evidence, noise, space, x, max_iterations,
                     _reuse_jacobian(evidence, noise, space, x, reference), np.inf)
 
 

@@ -35,9 +35,12 @@ def measured(cases: Sequence[Case], offsets: Sequence[int] = HORIZON_OFFSETS) ->
 
 
 def predict(p: Vehicle, cases: Sequence[Case], progress: Progress | None = None,
-            apply: rollout.Apply = map) -> FloatArray:
-    """Predict the states at the horizons. progress, apply: as for ``rollout.predict``."""
-    return rollout.predict(p, parts(cases), HORIZON_OFFSETS, progress=progress, apply=apply)
+            apply: rollout.Apply = map, offsets: Sequence[int] = HORIZON_OFFSETS) -> FloatArray:
+    """Predict the states ``offsets`` samples after each start.
+
+    progress, apply: as for ``rollout.predict``.
+    """
+    return rollout.predict(p, parts(cases), offsets, progress=progress, apply=apply)
 
 
 def kinematic(p: Vehicle) -> Vehicle:
