@@ -74,12 +74,12 @@ def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
 @pytest.mark.slow
 def test_faults_are_noticed_and_sound_cars_are_not_called_broken():
     faults = {fault.title: fault for fault in FAULTS}
-    steps = ("rotation", "cutoff")
+    steps = ("rest", "rotation", "cutoff")
     predicted = {v.key: v for outcome in run_steps(EMULATED, steps) for v in outcome.findings}
     sound = check_car((ACCEPTED_SEED, replace(SOUND, steps=steps)), predicted)
     assert not sound.failed
     for title, by in (("encoder sees every second mark", "differs"),
-                      ("encoder unplugged", "failed"),
+                      ("encoder unplugged", "failed"), ("IMU samples at 10 Hz", "differs"),
                       ("cut-off with a weak pull-up", "differs")):
         found = check_car((ACCEPTED_SEED, faults[title]), predicted)
         assert found.shows(faults[title]), title

@@ -20,6 +20,7 @@ from dart_hal.core.errors import CalibrationFailed, DartHalError, NotArmed
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import FloatArray
 from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, counter_of
+from dart_hal.estimation.gyro import GYRO_QUANTUM
 
 from .clock import calibrate_clock
 from .esc import calibrate_esc
@@ -31,7 +32,7 @@ from .latency_log import PwmGrid, TrafficLog, assume_grid, measure_grid
 from .measured import QUANTITY_UNITS, Measured
 from .procedure import Bench, Progress, silent
 from .runner import driving
-from .sensor_log import SensorLog
+from .sensor_log import ImuSamples, SensorLog
 from .spin import PulseSpan, spinning
 
 # s of telemetry at rest: 2000 frames, which give the clock within 1e-5.
@@ -214,13 +215,25 @@ def _measure_rest(bench: AcceptanceBench) -> list[Measurand]:
     samples = take_samples(log)
     still = measure_rest(samples)
     found += [
-        Measurand("imu_rate", "samples of the IMU", (len(samples.t) - 1) / samples.duration, "1/s"),
+        Measurand("imu_rate", "samples of the IMU", _sample_rate(samples), "1/s"),
         Measurand("gyro_bias", "yaw rate of the gyro at rest", float(still.bias[2]), "rad/s",
                   float(still.std[2])),
         Measurand("gyro_noise", "noise of the gyro", _noise(samples.gyro), "rad/s"),
         Measurand("accel_noise", "noise of the accelerometer", _noise(samples.acc), "m/s2"),
     ]
     return found
+
+
+def _sample_rate(samples: ImuSamples) -> float:
+    """Return the samples per second that differ from the one before.
+
+    A chip that is read more often than it measures repeats its samples. With less noise than the
+    resolution, as in an emulated car without noise, equal samples are no repetition, and all count.
+    """
+    rows = np.column_stack([samples.gyro, samples.acc])
+    new = np.any(np.diff(rows, axis=0) != 0.0, axis=1)
+    counted = new if _noise(samples.gyro) > GYRO_QUANTUM else np.ones(len(new))
+    return float(counted.sum() / samples.duration)
 
 
 def _noise(samples: FloatArray) -> float:
