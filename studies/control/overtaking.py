@@ -1,6 +1,7 @@
 """A follower behind a slower car that it detects in its own scans, on the light simulation.
 
     python -m studies.control.overtaking --seeds 6 --first 1 [--tracker mpcc ca-mpcc] [--blind]
+        [--person --share 0]
 
 An oval of 16.8 m in a room with inner boxes; the other car wanders up to 8 cm off the path, at
 speeds around a share of the 1 m/s of the own car. The lidar has 8.25 revolutions per second, 1.5 cm
@@ -9,7 +10,7 @@ of noise and 3 % drop-outs. Tracks come from ``LidarPoses``; the controller know
 contacts: drives in which the true outlines overlap; overtakes: drives in which the car comes past;
 behind: drives in which it does not; lane left: drives with the rear axle outside the lane; headway:
 smallest gap between the bodies over the own speed while behind at more than 0.3 m/s. --blind: the
-negative control, without tracks. Some 10 s a drive.
+negative control, without tracks. --person: a person stands there instead. Some 10 s a drive.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ DROPOUT = 0.03
 OWN_SPEED = 1.0
 LANES = {"wide": 0.55, "narrow": 0.3}
 SHARES = (0.0, 0.3, 0.6)
+LEG = 0.1
 MAKERS = {"mpcc": contouring, "ca-mpcc": curvature_aware}
 SIZE = CarSize(CAR_OUTLINE.length, CAR_OUTLINE.width, CAR_OUTLINE.ahead)
 
@@ -132,6 +134,12 @@ class LidarWorld:
                           float(overlaps(outlines)[0, 1])))
         return motion
 
+    def body(self, t: float) -> FloatArray:
+        """Return the lines (m, 4) that the lidar detects of the other car."""
+        x, y, yaw, _ = self.other(t)
+        return box(x + SIZE.centre_x * cos(yaw), y + SIZE.centre_x * sin(yaw), yaw,
+                   SIZE.length, SIZE.width)
+
     def scan(self, first: float) -> Scan:
         """Return the revolution that begins at ``first`` [s]."""
         when = first + SAMPLE_PERIOD * np.arange(BEAMS)
@@ -144,9 +152,7 @@ class LidarWorld:
         r = self._walls.cast(origin, beam)
         for k in range(0, BEAMS, 20):
             part = slice(k, k + 20)
-            ox, oy, oyaw, _ = self.other(float(when[k]))
-            body = box(ox + SIZE.centre_x * cos(oyaw), oy + SIZE.centre_x * sin(oyaw), oyaw,
-                       SIZE.length, SIZE.width)
+            body = self.body(float(when[k]))
             r[part] = np.minimum(r[part], self._cast(body, origin[part], beam[part]))
         r[(r > 10.0) | (r < 0.12)] = np.nan
         r = r + NOISE * self._rng.normal(size=BEAMS)
@@ -155,8 +161,17 @@ class LidarWorld:
                     Mount(x=MOUNT_X))
 
 
+class StandingPerson(LidarWorld):
+    """The same with two legs at the place of the other car's rear axle."""
+
+    def body(self, t: float) -> FloatArray:
+        x, y, yaw, _ = self.other(t)
+        return np.vstack([box(x - side * sin(yaw), y + side * cos(yaw), yaw, LEG, LEG)
+                          for side in (-LEG, LEG)])
+
+
 def meet(seed: int, share: float, lane: float, tracker: str, *, blind: bool = False,
-         seconds: float = 25.0) -> Encounter:
+         seconds: float = 25.0, make_world: type[LidarWorld] = LidarWorld) -> Encounter:
     """Drive behind a car of ``share`` of the own speed, in a lane [m]."""
     def make(path, plant):
         return MAKERS[tracker](path, plant, lane=lane)
@@ -167,7 +182,7 @@ def meet(seed: int, share: float, lane: float, tracker: str, *, blind: bool = Fa
         start = float(OVAL.x[0]), float(OVAL.y[0]), float(OVAL.heading[0])
         lidar = LidarPoses(map_of_lines(WALLS), start)
         lidar.track_cars(SIZE)
-    world = LidarWorld(seed, share, Others(None, follower, lidar))
+    world = make_world(seed, share, Others(None, follower, lidar))
     light_drive(follower, each=world, seconds=seconds)
     follower.phase = Phase.ENDED
     return Encounter(follower, np.array(world.rows), lane)
@@ -182,11 +197,13 @@ def main() -> None:
     parser.add_argument("--lane", nargs="*", choices=list(LANES), default=list(LANES))
     parser.add_argument("--share", nargs="*", type=float, default=list(SHARES))
     parser.add_argument("--blind", action="store_true")
+    parser.add_argument("--person", action="store_true")
     given = parser.parse_args()
     for tracker in given.tracker:
         for lane in given.lane:
             for share in given.share:
-                drives = [meet(seed, share, LANES[lane], tracker, blind=given.blind)
+                drives = [meet(seed, share, LANES[lane], tracker, blind=given.blind,
+                               make_world=StandingPerson if given.person else LidarWorld)
                           for seed in range(given.first, given.first + given.seeds)]
                 passed = sum(d.passed for d in drives)
                 headway = min(d.headway for d in drives)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from studies.control.overtaking import LANES, OWN_SPEED, meet
+from dart_hal.estimation.other_cars.tracker import CarTracker
+from studies.control.overtaking import LANES, OWN_SPEED, StandingPerson, meet
 
 
 @pytest.mark.slow
@@ -30,3 +31,14 @@ def test_in_a_narrow_lane_the_car_stays_behind(share):
 @pytest.mark.slow
 def test_control_without_tracks_the_cars_touch():
     assert meet(2, 0.3, LANES["wide"], "mpcc", blind=True, seconds=9.0).touched
+
+
+@pytest.mark.slow
+def test_it_waits_before_a_person_who_stands_in_a_wide_lane(monkeypatch):
+    options = {"seconds": 7.0, "make_world": StandingPerson}
+    drive = meet(2, 0.0, LANES["wide"], "mpcc", **options)
+    assert not drive.touched
+    assert not drive.passed
+    assert drive.follower.free == 0.0
+    monkeypatch.setattr(CarTracker, "list_possible", lambda self, t: ())
+    assert meet(2, 0.0, LANES["wide"], "mpcc", **options).touched, "the control"

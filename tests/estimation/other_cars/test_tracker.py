@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,19 @@ def test_a_possible_car_is_at_its_last_place_and_vanishes_with_its_beams():
         if tracker.list_possible(t):
             assert t - possible.t < MAX_CANDIDATE_GAP + 0.25
     assert not tracker.list_possible(t)
+
+
+def test_what_rests_and_is_no_car_is_a_possible_car():
+    """A leg of 0.06 m; the control: not before it has rested for 2 s."""
+    tracker = CarTracker(CarSize(0.30, 0.19, 0.0875))
+    for k in range(24):
+        sweep = make_seam_sweep(0.12 * k)
+        on_leg = sweep.unexplained & (np.abs(sweep.direction[:, 1]) < 0.015)
+        wall = np.where(on_leg, sweep.range, sweep.wall)
+        assert tracker.add(replace(sweep, range=wall, unexplained=on_leg)) == ()
+        found = tracker.list_possible(0.12 * (k + 1))
+        assert bool(found) == (k > 17), k
+    assert found[0].centre == pytest.approx((2.0, 0.0), abs=0.05)
 
 
 def test_an_empty_sweep_has_no_track():

@@ -4,15 +4,16 @@ For each sweep:
 
 0. It is cut where the map explains all beams, and begins with what the last one left: a scan begins
    and ends in front of the car, so one ahead would be in two halves at different times.
-1. Beams that end where others have ended for seconds are left out: new boxes. Those of the size of
-   a car become tracks at rest.
+1. Beams that end where others have ended for seconds are left out: new boxes, standing people.
+   Those of the size of a car become tracks at rest.
 2. Each track is predicted to the time of the beams near it, and updated with the poses that
    explain them.
 3. Unexplained beams elsewhere are grouped. A rectangle is fitted to each group, at any heading.
 4. Fits of successive sweeps that move like one car become a track: then the heading is known.
    Fits that stay at one place become a track at rest: a car, or a new box of its size.
 
-Until its track is confirmed, what has been fitted in two turns is a possible car.
+Until its track is confirmed, what has been fitted in two turns is a possible car, and so is what
+rests.
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ REST_SEARCH_SWEEPS = 4
 # m between a fit and the place where the candidate is expected; s without a fit.
 CANDIDATE_GATE = 0.35
 MAX_CANDIDATE_GAP = 0.4
+# m between two points of what rests that are listed.
+REST_SPACING = 0.2
 # Fits, each of another turn, after which a candidate counts as a possible car.
 MIN_POSSIBLE_FITS = 2
 # s without beams on a car after which its track ends.
@@ -132,6 +135,7 @@ class CarTracker:
     _count: int = 0
     _sweeps: int = 0
     _tail: RoomBeams | None = None
+    _at_rest: tuple[PossibleCar, ...] = ()
     _normal: FloatArray = field(
         default_factory=lambda: np.random.default_rng(0).normal(size=(max(GROUP_POSES), 3)))
 
@@ -140,6 +144,7 @@ class CarTracker:
         all_points = sweep.points[sweep.unexplained]
         whole = sweep = self._cut(sweep)
         rests = sweep.unexplained & self._resting.contains(sweep.points)
+        self._at_rest = _list_resting(sweep, rests)
         sweep = sweep.select(~rests)
         if not len(sweep.t):
             return self._list_confirmed()
@@ -168,11 +173,13 @@ class CarTracker:
 
     def list_possible(self, t: float) -> tuple[PossibleCar, ...]:
         """Return what may be a car at t [s] without a confirmed track, where beams last ended on
-        it."""
+        it; of what rests some points."""
         tracks = [PossibleCar(track.hit_t, self._centre(track.mean)) for track in self._tracks
                   if not track.confirmed and t - track.hit_t < MAX_CANDIDATE_GAP]
-        return (*tracks, *(PossibleCar(one.times[-1], one.centres[-1]) for one in self._candidates
-                           if len(one.times) >= MIN_POSSIBLE_FITS))
+        fitted = [PossibleCar(one.times[-1], one.centres[-1]) for one in self._candidates
+                  if len(one.times) >= MIN_POSSIBLE_FITS]
+        resting = [one for one in self._at_rest if t - one.t < MAX_CANDIDATE_GAP]
+        return (*tracks, *fitted, *resting)
 
     def _cut(self, sweep: RoomBeams) -> RoomBeams:
         """Return the end of the last sweep with this one up to its own cut.
@@ -309,6 +316,16 @@ def list_groups(sweep: RoomBeams, free: BoolArray) -> list[BoolArray]:
             mask[part] = True
             groups.append(mask)
     return groups
+
+
+def _list_resting(sweep: RoomBeams, rests: BoolArray) -> tuple[PossibleCar, ...]:
+    """Return points of the groups at rest, ``REST_SPACING`` apart."""
+    kept: list[PossibleCar] = []
+    for group in list_groups(sweep, rests):
+        for t, point in zip(sweep.t[group], sweep.points[group], strict=True):
+            if all(hypot(*(point - one.centre)) > REST_SPACING for one in kept):
+                kept.append(PossibleCar(float(t), point))
+    return tuple(kept)
 
 
 def _drop_copies(tracks: list[CarTrack]) -> list[CarTrack]:
