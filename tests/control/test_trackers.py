@@ -26,11 +26,11 @@ LATE_PLANT = plant_by(LATER)
 both_trackers = pytest.mark.parametrize("name", TRACKERS)
 
 
-def lap(name, speed, plant=LATE_PLANT, lane=1.0, **options):
-    """(rms, largest) offset [m] of one lap of the 22.92 m track."""
+def lap(name, speed, plant=LATE_PLANT, lane=1.0, whole=True, **options):
+    """(rms, largest) offset [m] of one lap of the 22.92 m track, or until the car is off it."""
     follower = Follower(track_named("racetrack_vicon_2"), plant, speed, name, Rules(lane=lane))
     rows = light_drive(follower, **options)
-    assert follower.why == "the path is driven"
+    assert not whole or follower.why == "the path is driven"
     return figures(rows)
 
 
@@ -55,8 +55,11 @@ def test_one_metre_a_second(name):
 @pytest.mark.slow
 @both_trackers
 def test_without_delay_compensation_it_is_much_worse(name):
-    """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
-    blind = lap(name, 2.0, without_delay(LATE_PLANT))[0]
+    """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s.
+
+    Contouring control even leaves a lane of 1 m.
+    """
+    blind = lap(name, 2.0, without_delay(LATE_PLANT), whole=False)[0]
     knowing = lap(name, 2.0)[0]
     assert blind > 3.0 * knowing
     assert blind > 0.04
