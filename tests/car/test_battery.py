@@ -239,7 +239,8 @@ def test_a_recording_without_a_sensor_has_no_channel(tmp_path):
     assert b"/battery" not in run.read_bytes()
 
 
-@pytest.mark.parametrize(("silence", "measured"), [(0.0, True), (1.5, True), (3.5, False)])
+@pytest.mark.parametrize(("silence", "measured"), [
+    (0.0, True), (3.5, False), pytest.param(1.5, True, marks=pytest.mark.slow)])
 def test_a_read_run_has_a_voltage_that_was_measured_throughout(tmp_path, silence, measured):
     def lose(driven, state):
         driven.chip.absent = 1.5 < driven.world.t < 1.5 + silence

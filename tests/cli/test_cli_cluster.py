@@ -218,7 +218,7 @@ def test_diagnosis_on_a_dying_cluster_leaves_no_file(verb, mortal, monkeypatch, 
     assert not list(tmp_path.iterdir())
 
 
-class Client:
+class WatchedClient:
     """A client of which only the watch is known."""
 
 
@@ -227,7 +227,7 @@ class Client:
                                             FileNotFoundError), (LinkLost("gone"), LinkLost)])
 def test_errors_of_the_work_are_not_taken_for_a_lost_cluster(error, expected):
     pytest.importorskip("distributed", reason="pip install 'dart-hal[cluster]'")
-    client = Client()
+    client = WatchedClient()
     clusters._WATCHES[client] = clusters.ClusterWatch(client, "tcp://10.0.0.1:8786", 1.0)
     with pytest.raises(expected) as found, clusters.report_loss(client):
         raise error
