@@ -128,4 +128,4 @@ def test_without_any_message_cars_that_share_plans_stay_at_neutral(tmp_path, mon
     follow_plan = PlanCrosser._follow_plan
     monkeypatch.setattr(PlanCrosser, "_follow_plan", lambda self, t: follow_plan(self, t) or 0.4)
     assert any(driven_while(drive_by_plans(tmp_path / "rolls", 1.0, 3.0), 0, PlanWait.WAITING)), (
-        "control: a car that says it waits, and rolls")
+        "control: a car in the state of waiting that rolls")

@@ -34,7 +34,7 @@ def test_control_without_tracks_the_cars_touch():
 
 
 @pytest.mark.slow
-def test_it_waits_before_a_person_who_stands_in_a_wide_lane(monkeypatch):
+def test_it_waits_before_a_person_at_rest_in_a_wide_lane(monkeypatch):
     options = {"seconds": 7.0, "make_world": StandingPerson}
     drive = meet(2, 0.0, LANES["wide"], "mpcc", **options)
     assert not drive.touched
