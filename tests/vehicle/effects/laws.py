@@ -99,7 +99,7 @@ COMMAND_LAWS = (
         {"throttle": [0.4, 0.4 - 0.15 * 0.25, -0.4 + 0.15 * 0.25]}),
     Law("battery_fade", {"k": 0.2}, {"throttle": [0.4, -0.4, 0.16, 0.0], "t": [100.0] * 4},
         {"throttle": [0.45, -0.45, 0.16 + 0.2 * smooth_dead_band(0.01), 0.0]}),
-    # with a measured voltage, k per 10 % of it, whatever the time
+    # with a measured voltage, k per 10 % of it, at any time
     Law("battery_fade", {"k": -0.1}, {"throttle": [0.4, 0.4, -0.4], "t": [0.0, 70.0, 80.0],
                                       "sag": [0.0, 0.2, -0.05]},
         {"throttle": [0.4, 0.4 - 0.2 * 0.25, -0.4 - 0.05 * 0.25]}),
