@@ -12,6 +12,7 @@ import pytest
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.recording.dart import BatteryVoltage
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import activate, add_effects, find_effect
 from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
 from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.motion import driving_seconds
@@ -36,6 +37,15 @@ def test_a_voltage_that_not_all_recordings_have_is_not_used(drive):
     both = check_inputs([with_it], [other(with_it)], PAPER)
     assert both.train[0].battery is both.test[0].battery is battery
     assert not any("voltage" in note for note in both.notes)
+
+
+def test_law_of_a_model_s_battery_fade_is_stated(drive):
+    battery = BatteryVoltage(np.array([0.0, 60.0]), np.array([8.0, 7.5]))
+    fading = add_effects(PAPER, [activate(find_effect("battery_fade"), {"k": -0.1})])
+    for law, recording in (("10 % less voltage", replace(drive, battery=battery)),
+                           ("100 s of driving", drive)):
+        notes = check_inputs([recording], [other(recording)], fading).notes
+        assert any(f"battery_fade is taken per {law}" in note for note in notes)
 
 
 def other(recording, name="car_1_other.csv"):
