@@ -27,7 +27,8 @@ each_vehicle = pytest.mark.parametrize("p",
                                        [PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic")],
                                        ids=lambda p: f"{p.name}-{p.kind}")
 TRACED_VALUES = {"car": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.2, 0.1, 0.35, -0.2),
-                 "motion": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.3, 0.2)}
+                 "motion": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.3, 0.2),
+                 "tick": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 3.0, 1.2, 0.5, 0.98, 0.2)}
 
 
 @each_vehicle
