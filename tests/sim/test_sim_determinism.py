@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import pytest
 
+from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.native.library import NATIVE_SWITCH
+from dart_hal.vehicle.parameters import SLIP_FORMS
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT, TIME_PING
+from dart_lab.sim.motion import DynamicMotion
 
 URL = "sim://?nano=mock&seed=7"
 
@@ -69,6 +73,18 @@ def test_compiled_and_python_motion_give_the_same_bytes(raw_car, monkeypatch, ef
     compiled = scenario(raw_car, URL + effect, 0.01, 3.0)
     monkeypatch.setenv(NATIVE_SWITCH, "0")
     assert scenario(raw_car, URL + effect, 0.01, 3.0) == compiled
+
+
+@pytest.mark.parametrize("slip", SLIP_FORMS)
+def test_compiled_and_python_motion_of_a_kinematic_vehicle_are_the_same(monkeypatch, slip):
+    vehicle = replace(PAPER, kind="kinematic", slip=slip)
+    steps = []
+    for switch in ("1", "0"):
+        monkeypatch.setenv(NATIVE_SWITCH, switch)
+        motion = DynamicMotion(vehicle, 1e-3)
+        motion.v_x = 0.8
+        steps.append([motion.step(0.3, 0.0, 0.2) for _ in range(50)])
+    assert steps[0] == steps[1]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 from dart_hal.vehicle import (
@@ -19,6 +20,8 @@ from dart_hal.vehicle.step import make_tick_step
 
 def _make_dynamic_tick(p: Vehicle, dt: float) -> Callable[..., Any]:
     """Make the step of ``make_tick_step``, compiled where there is a compiler; the same numbers."""
+    # The kernel of a kinematic vehicle would not have its form of the slip angles.
+    p = replace(p, kind="dynamic")
     try:
         return make_native_step(p, "tick", dt)
     except CannotCompile:
