@@ -12,18 +12,13 @@ from hypothesis import strategies as st
 from dart_hal.devices.lidar.ld19 import Ld19Decoder
 from dart_hal.devices.lidar.models import LD19
 from dart_hal.devices.lidar.scan import LidarStream
+from tests.devices.lidar.decoder_checks import check_portions, list_contents
 from tests.devices.lidar.ld19_bytes import packet, stream
 
 # The packet that the development manual explains byte by byte.
 MANUAL_PACKET = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2"
     "C7 00 E9 C5 00 E5 C2 00 E5 C0 00 E5 BE 82 3A 1A 50")
-
-
-def comparable(packets):
-    """What can be compared of packets, without ``behind``."""
-    return [(p.starts, p.hertz, p.first, p.last, p.angle.tobytes(), p.distance.tobytes())
-            for p in packets]
 
 
 def scans_of(raw, size=47, lidar=None):
@@ -100,23 +95,14 @@ def test_portions_do_not_matter(cuts, seed):
     raw = bytearray(stream(1))
     for _ in range(4):
         raw[rng.integers(len(raw))] ^= 1 << rng.integers(8)
-    whole = Ld19Decoder()
-    expected = whole.feed(bytes(raw))
-    parts = Ld19Decoder()
-    got = []
-    position = 0
-    for cut in [*cuts, len(raw)]:
-        got += parts.feed(bytes(raw[position:position + cut]))
-        position += cut
-    assert comparable(got) == comparable(expected)
-    assert (parts.broken, parts.skipped) == (whole.broken, whole.skipped)
+    check_portions(Ld19Decoder, raw, cuts)
 
 
 @given(st.binary(max_size=200).filter(lambda b: b"\x54" not in b))
 def test_it_finds_the_packets_after_garbage(garbage):
     decoder = Ld19Decoder()
     got = decoder.feed(garbage + stream(1))
-    assert comparable(got) == comparable(Ld19Decoder().feed(stream(1)))
+    assert list_contents(got) == list_contents(Ld19Decoder().feed(stream(1)))
     assert decoder.skipped == len(garbage)
 
 

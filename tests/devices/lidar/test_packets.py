@@ -10,13 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dart_hal.devices.lidar.packets import LidarDecoder, parallax
+from tests.devices.lidar.decoder_checks import check_portions, list_contents
 from tests.devices.lidar.x4_bytes import packet, revolution
-
-
-def comparable(packets):
-    """What can be compared of packets, without ``behind``."""
-    return [(p.starts, p.hertz, p.first, p.last, p.angle.tobytes(), p.distance.tobytes(), p.size)
-            for p in packets]
 
 
 def test_a_packet_computed_by_hand():
@@ -85,14 +80,7 @@ def test_portions_do_not_matter(cuts, seed):
     stream = bytearray(b"".join(revolution(120, hertz=8.0)))
     for _ in range(4):
         stream[rng.integers(len(stream))] ^= 1 << rng.integers(8)
-    whole, parts, at, got = LidarDecoder(), LidarDecoder(), 0, []
-    expected = whole.feed(bytes(stream))
-    for cut in cuts:
-        got += parts.feed(bytes(stream[at:at + cut]))
-        at += cut
-    got += parts.feed(bytes(stream[at:]))
-    assert comparable(got) == comparable(expected)
-    assert (parts.broken, parts.skipped) == (whole.broken, whole.skipped)
+    check_portions(LidarDecoder, stream, cuts)
 
 
 @given(st.binary(max_size=200).filter(lambda b: b"\xaa" not in b and b"\xa5" not in b))
@@ -100,7 +88,7 @@ def test_it_finds_the_packets_behind_garbage(garbage):
     clean = revolution(90)
     decoder = LidarDecoder()
     got = decoder.feed(garbage + b"".join(clean))
-    assert comparable(got) == comparable(LidarDecoder().feed(b"".join(clean)))
+    assert list_contents(got) == list_contents(LidarDecoder().feed(b"".join(clean)))
     assert decoder.skipped == len(garbage)
 
 

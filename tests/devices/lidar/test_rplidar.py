@@ -17,6 +17,7 @@ from dart_hal.devices.lidar.rplidar import (
     RplidarDecoder,
 )
 from dart_hal.devices.lidar.scan import LidarStream
+from tests.devices.lidar.decoder_checks import check_portions
 from tests.devices.lidar.rplidar_bytes import (
     HEALTH_ANSWER,
     INFO_ANSWER,
@@ -139,17 +140,7 @@ def test_portions_do_not_matter(cuts, seed, damages):
     for _ in range(damages):
         raw[rng.integers(len(raw))] ^= 1 << rng.integers(8)
         del raw[rng.integers(len(raw))]
-    whole = RplidarDecoder()
-    expected = whole.feed(bytes(raw))
-    parts = RplidarDecoder()
-    got = []
-    position = 0
-    for cut in [*cuts, len(raw)]:
-        got += parts.feed(bytes(raw[position:position + cut]))
-        position += cut
-    assert nodes_of(got) == nodes_of(expected)
-    assert (parts.broken, parts.skipped) == (whole.broken, whole.skipped)
-    assert parts.answers == whole.answers
+    check_portions(RplidarDecoder, raw, cuts, nodes_of)
 
 
 @given(st.integers(0, 2**32 - 1))

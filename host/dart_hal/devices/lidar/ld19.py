@@ -21,7 +21,7 @@ from math import pi, radians, tau
 
 import numpy as np
 
-from dart_hal.devices.lidar.packets import Answer, Packet
+from dart_hal.devices.lidar.packets import BytesDecoder, Packet
 
 # bit/s.
 LD19_BAUD = 230_400
@@ -58,22 +58,12 @@ def crc8(data: bytes) -> int:
     return crc
 
 
-class Ld19Decoder:
-    """Finds packets in bytes that arrive in any portions; raises nothing.
-
-    packets: valid ones; broken: heads with a wrong check; skipped: bytes of no packet; answers:
-    always empty; sample_period [s]: None, it is that of the manual.
-    """
+class Ld19Decoder(BytesDecoder):
+    """Decoder of an LD19, which answers nothing."""
 
     def __init__(self) -> None:
-        self.packets = 0
-        self.broken = 0
-        self.skipped = 0
-        self.answers: dict[int, Answer] = {}
-        self.sample_period: float | None = None
-        self._rest = b""
+        super().__init__()
         self._last = 0.0
-        self._damage = 0
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets that ``data`` completes."""

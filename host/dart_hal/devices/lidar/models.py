@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import radians
-from typing import Protocol
 
 from dart_hal.devices.lidar.ld19 import LD19_BAUD, LD19_SAMPLE_PERIOD, Ld19Decoder
 from dart_hal.devices.lidar.packets import (
@@ -13,9 +12,8 @@ from dart_hal.devices.lidar.packets import (
     SAMPLE_PERIOD,
     START_COMMAND,
     STOP_COMMAND,
-    Answer,
+    BytesDecoder,
     LidarDecoder,
-    Packet,
 )
 from dart_hal.devices.lidar.rplidar import (
     HEALTH_REQUEST,
@@ -43,18 +41,6 @@ QUARTZ_ERROR = 0.006
 STATED_PERIOD_ERROR = 0.05
 
 
-class LidarBytesDecoder(Protocol):
-    """Finds packets and answers in bytes, as ``packets.LidarDecoder``."""
-
-    packets: int
-    broken: int
-    skipped: int
-    answers: dict[int, Answer]
-    sample_period: float | None
-
-    def feed(self, data: bytes) -> list[Packet]: ...
-
-
 @dataclass(frozen=True, slots=True)
 class LidarModel:
     """One kind of lidar.
@@ -70,7 +56,7 @@ class LidarModel:
     bauds: tuple[int, ...]
     sample_period: float
     rate: float
-    make_decoder: Callable[[], LidarBytesDecoder] = field(repr=False)
+    make_decoder: Callable[[], BytesDecoder] = field(repr=False)
     period_error: float = STATED_PERIOD_ERROR
     step_back: float | None = None
     dtr: bool = True

@@ -19,6 +19,7 @@ not answer.
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
@@ -93,19 +94,30 @@ class Answer:
         return "it streams"
 
 
-class LidarDecoder:
+class BytesDecoder(ABC):
     """Finds packets and answers in bytes that arrive in any portions; raises nothing.
 
-    packets: valid ones; broken: heads with a wrong checksum or form; skipped: bytes of neither
-    packet nor answer; answers: the newest of each kind; sample_period [s]: None, it is constant.
+    packets: valid ones; broken: heads with a wrong check or form; skipped: bytes of neither packet
+    nor answer; answers: the newest of each kind; sample_period [s]: as the unit states it, None
+    where that of its model holds.
     """
 
     def __init__(self) -> None:
-        self.packets = self.broken = self.skipped = 0
-        self.sample_period: float | None = None
+        self.packets = 0
+        self.broken = 0
+        self.skipped = 0
         self.answers: dict[int, Answer] = {}
+        self.sample_period: float | None = None
         self._rest = b""
         self._damage = 0
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[Packet]:
+        """Return the packets that ``data`` completes."""
+
+
+class LidarDecoder(BytesDecoder):
+    """Decoder of an X4."""
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets that ``data`` completes."""

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.core.types import FloatArray
-from dart_hal.devices.lidar.packets import Answer, Packet
+from dart_hal.devices.lidar.packets import Answer, BytesDecoder, Packet
 
 # bit/s: A1 and A2M8; A2M12 and A3.
 RPLIDAR_BAUD = 115_200
@@ -75,23 +75,16 @@ _DESCRIPTOR_SIZE = 7
 _NODE = np.dtype([("flags", "u1"), ("angle", "<u2"), ("distance", "<u2")])
 
 
-class RplidarDecoder:
-    """Finds nodes and answers in bytes that arrive in any portions; raises nothing.
+class RplidarDecoder(BytesDecoder):
+    """Decoder of the standard scan of an RPLidar.
 
-    packets: valid nodes; broken: losses of the beat of the nodes; skipped: bytes of neither node
-    nor answer; answers: the newest of each type; sample_period [s]: as the unit states it.
+    packets: valid nodes; broken: losses of the beat of the nodes.
     """
 
     def __init__(self) -> None:
-        self.packets = 0
-        self.broken = 0
-        self.skipped = 0
-        self.answers: dict[int, Answer] = {}
-        self.sample_period: float | None = None
-        self._rest = b""
+        super().__init__()
         self._synchronised = False
         self._last: float | None = None
-        self._damage = 0
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the nodes that ``data`` completes, in packets of consecutive ones."""
@@ -148,10 +141,7 @@ class RplidarDecoder:
         if answer.kind == SCAN_TYPE:
             self._synchronised = True
             self._last = None
-        if answer.kind == SAMPLE_RATE_TYPE:
-            period = 1e-6 * struct.unpack_from("<H", answer.content)[0]
-            if MIN_SAMPLE_PERIOD <= period <= MAX_SAMPLE_PERIOD:
-                self.sample_period = period
+        self.sample_period = read_sample_period(answer) or self.sample_period
         return size
 
     def _take_nodes(self, buffer: bytes, position: int, out: list[Packet]) -> int:
@@ -184,6 +174,15 @@ class RplidarDecoder:
                               angle[a:b] % tau, distance, NODE_SIZE, behind, lost))
             lost = False
         return count * NODE_SIZE
+
+
+def read_sample_period(answer: Answer, express: bool = False) -> float | None:
+    """Return the sample period [s] of a scan in an answer; None if it has none, or no likely one.
+    """
+    if answer.kind != SAMPLE_RATE_TYPE:
+        return None
+    period = 1e-6 * struct.unpack("<HH", answer.content)[express]
+    return period if MIN_SAMPLE_PERIOD <= period <= MAX_SAMPLE_PERIOD else None
 
 
 def _nodes_of(raw: bytes) -> NDArray[np.void]:

@@ -28,22 +28,18 @@ from operator import xor
 
 import numpy as np
 
-from dart_hal.devices.lidar.packets import Answer, Packet
-from dart_hal.devices.lidar.rplidar import (
-    DESCRIPTORS,
-    MAX_SAMPLE_PERIOD,
-    MIN_SAMPLE_PERIOD,
-    NODE_ANGLE_UNIT,
-    SAMPLE_RATE_TYPE,
-)
+from dart_hal.devices.lidar.packets import Answer, BytesDecoder, Packet
+from dart_hal.devices.lidar.rplidar import DESCRIPTORS, NODE_ANGLE_UNIT, read_sample_period
 
 # s between two samples of the express scan of an A1; other models state theirs.
 EXPRESS_SAMPLE_PERIOD = 254e-6
-EXPRESS_PACKET_SIZE = 84
+# Samples of a packet, and bytes: a header, and five of each pair of samples.
 EXPRESS_SAMPLES = 32
 EXPRESS_HEADER_SIZE = 4
+EXPRESS_PACKET_SIZE = EXPRESS_HEADER_SIZE + 5 * EXPRESS_SAMPLES // 2
 EXPRESS_DISTANCE_UNIT = 1e-3
-# The head turns at most by this factor further in a packet than in the one before.
+# The head turns at most by this factor further in a packet than in the one before; a lost packet
+# would double it.
 MAX_TURN_GROWTH = 1.5
 EXPRESS_OFFSET_UNIT = radians(1.0 / 8.0)
 # The request has five bytes: working mode 0, and reserved ones; then the exclusive or of all.
@@ -54,26 +50,16 @@ _DESCRIPTOR_SIZE = 7
 _PAIR = np.dtype([("distances", "<u2", 2), ("offsets", "u1")])
 
 
-class ExpressDecoder:
-    """Finds packets and answers in bytes that arrive in any portions; raises nothing.
-
-    packets: valid ones; broken: heads with a wrong check; skipped: bytes of neither packet nor
-    answer; answers: the newest of each type; sample_period [s]: as the unit states it.
-    """
+class ExpressDecoder(BytesDecoder):
+    """Decoder of the express scan of an RPLidar."""
 
     def __init__(self) -> None:
-        self.packets = 0
-        self.broken = 0
-        self.skipped = 0
-        self.answers: dict[int, Answer] = {}
-        self.sample_period: float | None = None
-        self._rest = b""
+        super().__init__()
         # The newest valid packet, whose samples wait for the start angle of the next one.
         self._waiting: bytes | None = None
         self._turn = 0.0
         self._last = 0.0
         self._lost = False
-        self._damage = 0
 
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets whose samples ``data`` makes known."""
@@ -87,8 +73,9 @@ class ExpressDecoder:
                 size = _DESCRIPTOR_SIZE + _ANSWERS.get(head, 0)
                 if len(head) < _DESCRIPTOR_SIZE or position + size > len(buffer):
                     break
-                self._note_answer(Answer(head[-1], buffer[position + _DESCRIPTOR_SIZE:
-                                                          position + size]))
+                answer = Answer(head[-1], buffer[position + _DESCRIPTOR_SIZE:position + size])
+                self.answers[answer.kind] = answer
+                self.sample_period = read_sample_period(answer, express=True) or self.sample_period
                 position += size
                 continue
             # 2. Skip a byte that begins no packet.
@@ -110,13 +97,6 @@ class ExpressDecoder:
             position = end
         self._rest = buffer[position:]
         return out
-
-    def _note_answer(self, answer: Answer) -> None:
-        self.answers[answer.kind] = answer
-        if answer.kind == SAMPLE_RATE_TYPE:
-            period = 1e-6 * int.from_bytes(answer.content[2:4], "little")
-            if MIN_SAMPLE_PERIOD <= period <= MAX_SAMPLE_PERIOD:
-                self.sample_period = period
 
     def _take(self, raw: bytes, remaining: int) -> list[Packet]:
         """Take a valid packet; return the samples of the one before, which it makes known."""
