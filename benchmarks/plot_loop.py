@@ -51,7 +51,7 @@ def sample_stacks(native: str) -> tuple[Box, float]:
         while frame is not None and frame.f_code is not drive.__code__:
             path = frame.f_code.co_filename
             stack.append((next((p for p in COLOURS if f"/{p}/" in path), ""),
-                          frame.f_code.co_qualname))
+                          frame.f_code.co_name))
             frame = frame.f_back
         box = root
         box.count += 1
@@ -79,9 +79,8 @@ def draw_box(axes: Any, box: Box, total: int, left: float, level: int) -> None:
             break
         axes.barh(level, share, left=left, height=0.95, align="edge", edgecolor="white",
                   linewidth=0.5, color=COLOURS.get(package, OTHER_COLOUR))
-        short = name.rsplit(".", 1)[-1]
-        if share > CHARACTER_SHARE * len(short):
-            axes.text(left + 0.5 * share, level + 0.45, short, ha="center", va="center",
+        if share > CHARACTER_SHARE * len(name):
+            axes.text(left + 0.5 * share, level + 0.45, name, ha="center", va="center",
                       fontsize=6.5)
         draw_box(axes, called, total, left, level + 1)
         left += share
