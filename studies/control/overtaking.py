@@ -10,7 +10,7 @@ of noise and 3 % drop-outs. Tracks come from ``LidarPoses``; the controller know
 contacts: drives in which the true outlines overlap; overtakes: drives in which the car comes past;
 behind: drives in which it does not; lane left: drives with the rear axle outside the lane; headway:
 smallest gap between the bodies over the own speed while behind at more than 0.3 m/s. --blind: the
-negative control, without tracks. --person: a person stands there instead. Some 10 s a drive.
+negative control, without tracks. --person: a person at rest instead. Some 10 s a drive.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class LidarWorld:
                     Mount(x=MOUNT_X))
 
 
-class StandingPerson(LidarWorld):
+class PersonAtRest(LidarWorld):
     """The same with two legs at the place of the other car's rear axle."""
 
     def body(self, t: float) -> FloatArray:
@@ -203,7 +203,7 @@ def main() -> None:
         for lane in given.lane:
             for share in given.share:
                 drives = [meet(seed, share, LANES[lane], tracker, blind=given.blind,
-                               make_world=StandingPerson if given.person else LidarWorld)
+                               make_world=PersonAtRest if given.person else LidarWorld)
                           for seed in range(given.first, given.first + given.seeds)]
                 passed = sum(d.passed for d in drives)
                 headway = min(d.headway for d in drives)

@@ -55,11 +55,11 @@ def drive_once(car: Vehicle, tracker: str, speed: float, *, careful: bool
     return float(np.abs(rows[:, 3]).max()), follower.driven.lap_times
 
 
-def pass_once(car: Vehicle, tracker: str, speed: float, ahead: float, side: float
+def pass_once(car: Vehicle, tracker: str, speed: float, distance: float, side: float
               ) -> tuple[float, float, str]:
-    """(largest offset [m], least air beside the disc [m], reason of the end) of a lap."""
+    """(largest offset [m], least air to the disc [m], reason of the end) of a lap."""
     def make(path: Path, plant: Plant) -> Contouring:
-        spot = path.interpolate(ahead)
+        spot = path.interpolate(distance)
         disc = Disc(spot.x - side * sin(spot.heading), spot.y + side * cos(spot.heading),
                     RADIUS, OBSTACLE_SPEED)
         return {"mpcc": contouring, "ca-mpcc": curvature_aware}[tracker](

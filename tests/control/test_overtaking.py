@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.estimation.other_cars.tracker import CarTracker
-from studies.control.overtaking import LANES, OWN_SPEED, StandingPerson, meet
+from studies.control.overtaking import LANES, OWN_SPEED, PersonAtRest, meet
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_control_without_tracks_the_cars_touch():
 
 @pytest.mark.slow
 def test_it_waits_before_a_person_at_rest_in_a_wide_lane(monkeypatch):
-    options = {"seconds": 7.0, "make_world": StandingPerson}
+    options = {"seconds": 7.0, "make_world": PersonAtRest}
     drive = meet(2, 0.0, LANES["wide"], "mpcc", **options)
     assert not drive.touched
     assert not drive.passed

@@ -84,7 +84,7 @@ def test_a_run_is_diagnosed(run, tmp_path, effect):
 
 
 @pytest.fixture(scope="module")
-def faded(tmp_path_factory):
+def fading_drive(tmp_path_factory):
     """A run whose battery sags with the current and as it empties: its motor has the same share."""
     return drive(tmp_path_factory.mktemp("runs") / "fade.mcap", "battery_fade:-0.1",
                  "&battery=charge=1,capacity=0.1,resistance=0.1", 60.0)
@@ -100,14 +100,14 @@ def fade_and_others(recording):
 
 
 @pytest.mark.slow
-def test_a_battery_fades_by_its_measured_voltage(faded):
-    k, others = fade_and_others(faded)
+def test_a_battery_fades_by_its_measured_voltage(fading_drive):
+    k, others = fade_and_others(fading_drive)
     assert others == []
     assert abs(k.value + 0.1) < 2.0 * k.std < 0.03
 
 
 @pytest.mark.long
-def test_control_without_its_voltage_the_fade_has_another_size_and_company(faded):
-    k, others = fade_and_others(replace(faded, battery=None))
+def test_control_without_its_voltage_the_fade_has_another_size_and_company(fading_drive):
+    k, others = fade_and_others(replace(fading_drive, battery=None))
     assert others == ["motor_gain"]
     assert abs(k.value + 0.1) > 2.0 * k.std

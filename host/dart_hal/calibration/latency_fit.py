@@ -90,7 +90,7 @@ OWN_MAP_SHAPE_STD = 0.005
 TYPICAL_MAP_SHAPE_STD = 0.035
 # Hz of the filter of the BNO055, as the firmware sets it.
 GYRO_FILTER_HZ = 32.0
-# Points of a response in a picture.
+# Points of the curve in a picture: more would not look smoother.
 GRAPH_POINTS = 60
 # Points of the steering map between the two ends of the turns.
 MAP_KNOTS = 200

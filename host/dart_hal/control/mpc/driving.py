@@ -18,8 +18,8 @@ from dart_hal.vehicle.parameters import Delay, Vehicle
 PLAN_BUDGET = 0.05
 # Number of late plans in a row over which the last plan is still as good as the model.
 MAX_LATE_PLANS = 3
-# Time ahead [s]: the setpoint is the faster one of the plan now and then. Before a bend the car so
-# brakes no earlier than planned, after it the loop's delay costs less speed.
+# Time ahead [s], a stage of the plan: the setpoint is the faster speed of now and then. So the car
+# brakes no earlier than planned before a bend, and the delay of the loop costs less speed after it.
 SPEED_LOOKAHEAD = 0.1
 # Smallest range of throttle above the dead band.
 MIN_THROTTLE_RANGE = 0.1

@@ -32,7 +32,7 @@ MIN_WORKERS = 2
 # Packages whose version may change the last bits of a result.
 COMPARED_PACKAGES = ("numpy", "scipy")
 PACKAGES_WITH_SOURCE = ("dart_hal", "dart_lab")
-# s between two looks at the number of workers.
+# s between two looks at the number of workers; the time-out is counted in them.
 WATCH_INTERVAL = 1.0
 START_WORKERS = "dask worker {address} --nworkers auto --nthreads 1"
 

@@ -4,7 +4,7 @@ For each sweep:
 
 0. It is cut where the map explains all beams, and begins with what the last one left: a scan begins
    and ends in front of the car, so one ahead would be in two halves at different times.
-1. Beams that end where others have ended for seconds are left out: new boxes, standing people.
+1. Beams that end where others have ended for seconds are left out: new boxes, people at rest.
    Those of the size of a car become tracks at rest.
 2. Each track is predicted to the time of the beams near it, and updated with the poses that
    explain them.
@@ -12,8 +12,8 @@ For each sweep:
 4. Fits of successive sweeps that move like one car become a track: then the heading is known.
    Fits that stay at one place become a track at rest: a car, or a new box of its size.
 
-Until its track is confirmed, what has been fitted in two turns is a possible car, and so is what
-rests.
+Until its track is confirmed, what has been fitted in two turns is a possible car, and so is all
+that is at rest.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ REST_SEARCH_SWEEPS = 4
 # m between a fit and the place where the candidate is expected; s without a fit.
 CANDIDATE_GATE = 0.35
 MAX_CANDIDATE_GAP = 0.4
-# m between two points of what rests that are listed.
+# m between two listed points of what is at rest: less than the width of a car or of a person.
 REST_SPACING = 0.2
 # Fits, each of another turn, after which a candidate counts as a possible car.
 MIN_POSSIBLE_FITS = 2
@@ -173,7 +173,7 @@ class CarTracker:
 
     def list_possible(self, t: float) -> tuple[PossibleCar, ...]:
         """Return what may be a car at t [s] without a confirmed track, where beams last ended on
-        it; of what rests some points."""
+        it; some points of all that is at rest."""
         tracks = [PossibleCar(track.hit_t, self._centre(track.mean)) for track in self._tracks
                   if not track.confirmed and t - track.hit_t < MAX_CANDIDATE_GAP]
         fitted = [PossibleCar(one.times[-1], one.centres[-1]) for one in self._candidates
@@ -319,7 +319,7 @@ def list_groups(sweep: RoomBeams, free: BoolArray) -> list[BoolArray]:
 
 
 def _list_resting(sweep: RoomBeams, rests: BoolArray) -> tuple[PossibleCar, ...]:
-    """Return points of the groups at rest, ``REST_SPACING`` apart."""
+    """Return points of the groups at rest, with at least ``REST_SPACING`` between them."""
     kept: list[PossibleCar] = []
     for group in list_groups(sweep, rests):
         for t, point in zip(sweep.t[group], sweep.points[group], strict=True):
