@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -175,3 +176,27 @@ def test_drive_without_turns_gets_no_frame_where_its_day_has_two(tmp_path):
     made = with_marker_frames([first, second, straight])
     assert made[2].marker is None
     assert "reference_unknown" in kinds(made[2])
+
+
+def read_with_one_sided_circles(excerpt, write, table_b, seconds: float = 0.0) -> list:
+    """A published drive, and circles to one side that begin some seconds after it."""
+    published = read(excerpt / FREE)
+    circles = read(write(table_b(n=2000, speed=0.8)))
+    moved = replace(circles.mocap, epoch=published.mocap.epoch + seconds)
+    return with_marker_frames([published, replace(circles, mocap=moved)])
+
+
+def test_circles_to_one_side_take_the_known_frame_of_their_day(excerpt, write, table_b):
+    published, circles = read_with_one_sided_circles(excerpt, write, table_b)
+    assert circles.marker == published.marker == SEP_24
+    note = next(n.why for n in circles.notes if n.kind == "marker")
+    assert note.startswith("caution")
+    assert "same car" in note
+
+
+def test_circles_of_another_day_or_car_take_no_known_frame(excerpt, write, table_b):
+    published, circles = read_with_one_sided_circles(excerpt, write, table_b, 86_400.0)
+    assert circles.marker is None
+    named = replace(circles, mocap=replace(circles.mocap, epoch=published.mocap.epoch),
+                    car=SimpleNamespace(name="red", geometry=PAPER.body), marker=None, framed=False)
+    assert with_marker_frames([published, named])[1].marker is None

@@ -23,13 +23,16 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
        differs and it keeps its own fit. So do then the other recordings of that day.
     3. A given, calibrated or published frame is used unchanged; a note reports a fit that
        contradicts it.
+    4. A recording of an unnamed car that identifies no frame takes the known one of its day, with a
+       caution.
 
     given: frame of all recordings; None: known or fitted. Recordings without motion capture, and
     results of this function, are returned unchanged.
     """
     open_ones = [r for r in recordings if r.mocap is not None and not r.framed]
     fits = _fit_mountings(open_ones)
-    return [_attach_frame(r, given, *fits[id(r)]) if id(r) in fits else r for r in recordings]
+    return [_attach_frame(r, given, *fits[id(r)], _find_frame_of_day(r, recordings))
+            if id(r) in fits else r for r in recordings]
 
 
 def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None, str]]:
@@ -66,8 +69,18 @@ def mounting(recording: Recording) -> str:
     return f"{day} ({owner})" if owner else day
 
 
+def _find_frame_of_day(recording: Recording, others: Sequence[Recording]) -> Reference | None:
+    """Return the one known frame of other recordings of the day; None for a named car."""
+    when = recording.when
+    if recording.car is not None or when is None:
+        return None
+    known = {reference_for(r) for r in others if r.when is not None
+             and r.when.date() == when.date()} - {None}
+    return known.pop() if len(known) == 1 else None
+
+
 def _attach_frame(recording: Recording, given: Reference | None, fitted: Reference | None,
-                  fitted_to: str) -> Recording:
+                  fitted_to: str, of_day: Reference | None) -> Recording:
     known = given or reference_for(recording)
     notes = list(recording.notes)
     # A frame that was measured is not replaced by a fit, which may follow a wrong model.
@@ -81,8 +94,13 @@ def _attach_frame(recording: Recording, given: Reference | None, fitted: Referen
     elif fitted is not None:
         notes.append(Note(f"marker frame fitted to {fitted_to}: {fitted}; --reference gives "
                           "another", kind="marker"))
+    elif of_day is not None:
+        notes.append(Note(
+            f"caution: marker frame of other recordings of {recording.when:%Y-%m-%d} ("
+            f"{of_day.source}): this drive identifies none. Right if it is of the same car with "
+            "the same markers; --reference gives another", kind="marker"))
     else:
         notes.append(Note(f"marker frame not identified: it needs {NEEDED}; {OPTION}",
                           kind="reference_unknown"))
-    marker = known or fitted
+    marker = known or fitted or of_day
     return replace(recording, marker=marker, notes=tuple(notes), framed=True)
