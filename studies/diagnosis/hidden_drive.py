@@ -149,7 +149,7 @@ def write(path, p=PAPER, seed=0, plan=Plan()):
     c, sn = np.cos(rows[:, 2]), np.sin(rows[:, 2])
     forward = LX - l_r
     pose = (rows[:, 0] + forward * c - LY * sn, rows[:, 1] + forward * sn + LY * c, yaw)
-    fine = Now(*(f[every - 1::every] for f in now[:now._fields.index("sag")]))
+    fine = Now(*(f[every - 1::every] for f in now[:now._fields.index("voltage")]))
     x, y, yaw = transform_signal(p, "pose", pose, fine, 0.01)
     x, y = (v + rng.normal(size=len(v)) * 1e-4 for v in (x, y))
     yaw = yaw + rng.normal(size=len(yaw)) * 5e-4

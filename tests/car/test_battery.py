@@ -250,9 +250,9 @@ def test_a_read_run_has_a_voltage_that_was_measured_throughout(tmp_path, silence
     assert (battery is not None) == measured
     if battery is not None:
         # 1 A at rest, 8.5 A at half throttle: 0.75 V of 7.94 V - 0.1 V less.
-        resting, driving = battery.sag(np.array([0.5, 4.0]))
-        assert resting == pytest.approx(0.0, abs=0.001)
-        assert driving == pytest.approx(0.75 / 7.94, abs=0.01)
+        resting, driving = battery.interpolate(np.array([0.5, 4.0]))
+        assert resting == pytest.approx(7.94, abs=0.01)
+        assert driving == pytest.approx(7.94 - 0.75, abs=0.08)
 
 
 def test_the_voltage_of_a_filmed_run_is_on_the_clock_of_its_poses(tmp_path):

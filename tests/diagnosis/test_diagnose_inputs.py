@@ -12,12 +12,13 @@ import pytest
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.recording.dart import BatteryVoltage
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.effects import activate, add_effects, find_effect
+from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
 from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD_S
 from dart_lab.diagnosis.inputs import check_inputs, select_effects, warn_fitted_before
+from dart_lab.identification.evaluation import evaluate
 from studies.diagnosis.known_frame import read
 from tests.common import EXCERPT
 from tests.diagnosis import made_by_hand as made
@@ -39,13 +40,17 @@ def test_a_voltage_that_not_all_recordings_have_is_not_used(drive):
     assert not any("voltage" in note for note in both.notes)
 
 
-def test_law_of_a_model_s_battery_fade_is_stated(drive):
-    battery = BatteryVoltage(np.array([0.0, 60.0]), np.array([8.0, 7.5]))
-    fading = add_effects(PAPER, [activate(find_effect("battery_fade"), {"k": -0.1})])
-    for law, recording in (("10 % less voltage", replace(drive, battery=battery)),
-                           ("100 s of driving", drive)):
-        notes = check_inputs([recording], [other(recording)], fading).notes
-        assert any(f"battery_fade is taken per {law}" in note for note in notes)
+@pytest.mark.parametrize(("motor_voltage", "measured", "expected"), [
+    (None, True, "the model states no motor_voltage"),
+    (7.4, False, "the motor is that of 7.4 V"), (None, False, ""), (7.4, True, "")])
+def test_a_battery_fade_of_the_other_law_is_stated(drive, motor_voltage, measured, expected):
+    battery = BatteryVoltage(np.array([0.0, 60.0]), np.array([8.0, 7.5])) if measured else None
+    recording = replace(drive, battery=battery)
+    fading = replace(apply(PAPER, "battery_fade", k=-0.1), motor_voltage=motor_voltage)
+    for notes in (check_inputs([recording], [other(recording)], fading).notes,
+                  evaluate(fading, [recording], limit=False).notes):
+        assert [expected in note for note in notes] == [True] * bool(expected)
+    assert evaluate(PAPER, [recording], limit=False).notes == ()
 
 
 def other(recording, name="car_1_other.csv"):

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_run
+from dart_hal.core.config.model import parse_model
+from dart_hal.core.config.write import dump
 from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.evidence.onboard_drive import count_windows, prepare_stretches
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
+from dart_lab.diagnosis.write import extended_model
+from dart_lab.identification.battery import find_mean_voltage
+from dart_lab.sim.battery import NOMINAL_VOLTAGE
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
 from studies.diagnosis import any_car
@@ -84,30 +89,55 @@ def test_a_run_is_diagnosed(run, tmp_path, effect):
 
 
 @pytest.fixture(scope="module")
-def fading_drive(tmp_path_factory):
-    """A run whose battery sags with the current and as it empties: its motor has the same share."""
-    return drive(tmp_path_factory.mktemp("runs") / "fade.mcap", "battery_fade:-0.1",
-                 "&battery=charge=1,capacity=0.1,resistance=0.1", 60.0)
+def drives_of_two_packs(tmp_path_factory):
+    """Two runs that begin at 8.3 and 7.1 V: the force of the motor is proportional to the voltage.
+
+    Each pack sags by 0.3 V with the current and as it empties.
+    """
+    folder = tmp_path_factory.mktemp("packs")
+    return [drive(folder / f"{charge}.mcap", "battery_fade:-0.1",
+                  f"&battery=charge={charge},capacity=1,resistance=0.05", 45.0)
+            for charge in (1.0, 0.3)]
 
 
-def fade_and_others(recording):
-    """Return (size of battery_fade, other causes)."""
-    sides = check_inputs([recording], [], EXACT)
-    found = diagnose(find_model("paper")[0], EXACT, sides.train, sides.test, refit=False,
+def find_fade(recordings, p):
+    """Return (diagnosis, size of each cause by its name)."""
+    sides = check_inputs(recordings, [], p)
+    found = diagnose(find_model("paper")[0], p, sides.train, sides.test, refit=False,
                      only=("battery_fade", "motor_gain", "rolling_resistance"))
-    causes = {c.effect: c.parameters["k"] for c in found.causes}
-    return causes.pop("battery_fade"), list(causes)
+    return found, {c.effect: c.parameters["k"] for c in found.causes}
 
 
+@pytest.mark.parametrize("motor_voltage", [
+    NOMINAL_VOLTAGE, pytest.param(None, marks=pytest.mark.long)])
 @pytest.mark.slow
-def test_a_battery_fades_by_its_measured_voltage(fading_drive):
-    k, others = fade_and_others(fading_drive)
-    assert others == []
-    assert abs(k.value + 0.1) < 2.0 * k.std < 0.03
+def test_one_fade_explains_packs_of_different_charge(drives_of_two_packs, motor_voltage):
+    found, causes = find_fade(drives_of_two_packs, replace(EXACT, motor_voltage=motor_voltage))
+    assert list(causes) == ["battery_fade"]
+    assert abs(causes["battery_fade"].value + 0.1) < 2.0 * causes["battery_fade"].std < 0.03
+    # A model without a reference gets the mean of its recordings.
+    assert found.extended.motor_voltage == (motor_voltage
+                                            or find_mean_voltage(drives_of_two_packs))
+    assert f"less voltage than {found.extended.motor_voltage:g} V" in found.notes[-1]
+    written = extended_model(found, find_model("paper")[0], drives_of_two_packs)
+    assert vehicle_of(parse_model(dump(written), "model.toml")).motor_voltage == (
+        found.extended.motor_voltage)
 
 
-@pytest.mark.long
-def test_control_without_its_voltage_the_fade_has_another_size_and_company(fading_drive):
-    k, others = fade_and_others(replace(fading_drive, battery=None))
-    assert others == ["motor_gain"]
-    assert abs(k.value + 0.1) > 2.0 * k.std
+def relate_to_first_voltage(recording):
+    """Return the recording as if its pack had begun at the voltage of the motor."""
+    b = recording.battery
+    return replace(recording, battery=replace(
+        b, voltage=b.voltage * NOMINAL_VOLTAGE / np.median(b.voltage[:4])))
+
+
+@pytest.mark.parametrize("without_level", [
+    relate_to_first_voltage,
+    pytest.param(lambda recording: replace(recording, battery=None), marks=pytest.mark.long)])
+@pytest.mark.slow
+def test_control_without_the_level_of_the_voltage_the_fade_is_missed(drives_of_two_packs,
+                                                                     without_level):
+    _, causes = find_fade([without_level(r) for r in drives_of_two_packs],
+                          replace(EXACT, motor_voltage=NOMINAL_VOLTAGE))
+    k = causes.get("battery_fade")
+    assert k is None or abs(k.value + 0.1) > 2.0 * k.std

@@ -59,8 +59,8 @@ class Now(NamedTuple):
 
     t [s] since the start of the recording; v_x, v_y [m/s], omega [rad/s], yaw
     [rad]; a_x, a_y [m/s2] in body axes, omega_dot [rad/s2]; drive: force at the
-    wheels [N]; turns: revolutions of the encoder's gear; sag: share of its first value by which the
-    measured voltage of the battery is lower, None where it is not measured.
+    wheels [N]; turns: revolutions of the encoder's gear; voltage [V] of the battery, None where it
+    is not measured.
     """
 
     t: Value = 0.0
@@ -73,7 +73,7 @@ class Now(NamedTuple):
     omega_dot: Value = 0.0
     drive: Value = 0.0
     turns: Value = 0.0
-    sag: Value = None
+    voltage: Value = None
 
 
 @dataclass(frozen=True, slots=True)

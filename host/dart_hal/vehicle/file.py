@@ -47,7 +47,8 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     old = getattr(base, "tyres", None)
     tyres = _read_group(kind, "tyres", model, old if isinstance(old, kind) else None)
     slip = model.forms.get("slip", base.slip if base is not None else "all_speeds")
-    p = Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip, **groups)
+    p = Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip,
+                motor_voltage=model.motor_voltage, **groups)
     return add_effects(p, _read_effects(model, find_scale(p.body)))
 
 
@@ -67,7 +68,7 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
     effects = tuple(EffectEntry(a.name, sections.pop(a.name)) for a in p.effects)
     forms = {"slip": p.slip} if p.drive == "duty" else {"slip": p.slip, "motor": p.drive}
     return ModelFile(name=p.name, kind="kinematic" if p.kind == "kinematic" else "dynamic",
-                     forms=forms, effects=effects,
+                     forms=forms, motor_voltage=p.motor_voltage, effects=effects,
                      **sections)  # type: ignore[arg-type]
 
 

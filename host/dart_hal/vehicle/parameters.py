@@ -229,7 +229,8 @@ class Vehicle:
 
     ``kind``: the bicycle that moves it, "dynamic" or "kinematic"; ``slip``: the
     form of its slip angles, see ``tyres.make_slip``; ``effects``: what it has
-    beyond the base model, in the order in which it acts.
+    beyond the base model, in the order in which it acts; ``motor_voltage`` [V]: of the battery, at
+    which the parameters of the motor hold, None if that is not known.
     """
 
     name: str
@@ -242,6 +243,7 @@ class Vehicle:
     kind: str = "dynamic"
     slip: str = "all_speeds"
     effects: tuple[ActiveEffect, ...] = ()
+    motor_voltage: float | None = None
 
     def __post_init__(self) -> None:
         for name, value, known in (("kind", self.kind, MODEL_KINDS),

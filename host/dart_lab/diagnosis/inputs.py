@@ -20,6 +20,7 @@ from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several
 from dart_hal.vehicle.effects import catalogue, find_effect, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.battery import state_fade_law
 from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.prediction.windows import least_speed
 from dart_lab.report.numbers import shorten_list
@@ -97,7 +98,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be found. "
                      "Record a minute or more")
     notes += list_excluded_effects(p)
-    notes += state_fade_law(p, sets[0])
+    notes += state_fade_law(p, [*sets[0], *sets[1]])
     notes += warn_fitted_before(sets[1], fitted_to)
     return Inputs(tuple(sets[0]), tuple(sets[1]), tuple(notes))
 
@@ -107,16 +108,6 @@ def list_excluded_effects(p: Vehicle) -> list[str]:
     excluded = [name for name, one in catalogue().items() if not is_applicable(one, p)]
     return [f"not candidates, because the motor has a speed loop: {', '.join(excluded)}"
             ] if excluded else []
-
-
-def state_fade_law(p: Vehicle, recordings: Sequence[Recording]) -> list[str]:
-    """Return a note of what the battery_fade of a model means in these recordings, if it has one.
-    """
-    if all(a.name != "battery_fade" for a in p.effects):
-        return []
-    law = "10 % less voltage" if recordings[0].battery is not None else "100 s of driving"
-    return [f"the model's battery_fade is taken per {law} here; if it was found the other way, "
-            "fit it again"]
 
 
 def list_frame_notes(recordings: Sequence[Recording]) -> list[str]:

@@ -17,6 +17,7 @@ from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_hal.vehicle.sizes import list_stated_errors
+from dart_lab.identification.battery import FADE, describe_fade_law, set_motor_voltage
 from dart_lab.identification.evaluation.cases import prepare as prepare_cases
 from dart_lab.identification.shooting.fit import FREE, free_names
 
@@ -91,6 +92,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
         check_recordings(sets[0])
     free = _select_free_parameters(vehicle, known, sets[0].evidence.has_mocap) if refit else ()
     free += tuple(sizes)
+    vehicle = set_motor_voltage(vehicle, train)
     frame = find_frame_errors([d.recording for part in sets for d in part.evidence.drives])
     known = {**known, **sizes, **frame}
     vehicle = free_frame(vehicle, frame)
@@ -115,7 +117,10 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     pace.start_phase(1.0, "measuring the gain", CONCLUSION_EVALUATIONS)
     setup = DiagnosisSetup(model.name, vehicle, sets[0], sets[1], settings, refit, search,
                            predictor, tuple(frame))
-    return _add_paths(conclude(setup, found, files, began), setup, found)
+    d = conclude(setup, found, files, began)
+    if any(cause.effect == FADE for cause in d.causes):
+        d = replace(d, notes=(*d.notes, describe_fade_law(d.extended)))
+    return _add_paths(d, setup, found)
 
 
 def _add_paths(d: Diagnosis, q: DiagnosisSetup, found: SearchResult) -> Diagnosis:

@@ -15,6 +15,7 @@ from dart_hal.core.config.model import Parameter
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.battery import FADE, find_mean_voltage
 
 from .frames import FRAME_EFFECTS
 from .result import Diagnosis
@@ -50,7 +51,7 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     provenance = {"method": "diagnosis", "verdict": d.verdict,
                   "causes": [c.effect for c in d.causes],
                   **({"caution": TYRE_CAUTION} if TYRE_CAUTION in d.notes else {})}
-    return _model(d, d.extended, base, "extended" if fitted else "", stds,
+    return _model(d, d.extended, base, train, "extended" if fitted else "", stds,
                   _provenance(d, base, train if fitted else (), command, provenance))
 
 
@@ -68,12 +69,12 @@ def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     ratio, low, high = d.predictor.ratio
     provenance = {"method": "best predictor", "effects": list(d.predictor.effects),
                   "error_of_refit": {"ratio": ratio, "ci90": [low, high]}}
-    return _model(d, d.predictor.vehicle, base, "predictor", stds,
+    return _model(d, d.predictor.vehicle, base, train, "predictor", stds,
                   _provenance(d, base, train, command, provenance))
 
 
-def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Mapping[str, float],
-           provenance: Mapping[str, Any]) -> ModelFile:
+def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, train: Sequence[Recording], kind: str,
+           stds: Mapping[str, float], provenance: Mapping[str, Any]) -> ModelFile:
     """Return the file of a vehicle; kind: suffix of the name; stds: of fitted parameters."""
     model = model_of(vehicle, base)
     # an offset of the fitted marker frame belongs to these recordings, and not to the car
@@ -84,6 +85,10 @@ def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Map
     effects += tuple(EffectEntry(name, {k: _entry(n.value, n.std) for k, n in numbers.items()})
                      for name, numbers in d.mounting.items() if name not in has)
     sections: dict[str, Any] = {}
+    # A fitted motor holds at the voltage of its recordings, with battery_fade at the reference.
+    fitted = {name.partition(".")[0] for name in stds}
+    volt = (model.motor_voltage if FADE in has
+            else find_mean_voltage(train) if "motor" in fitted else base.motor_voltage)
     for name, std in stds.items():
         section, _, key = name.partition(".")
         if key in getattr(model, section, {}):
@@ -92,8 +97,9 @@ def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Map
     covariance = {key: table for key, table in base.covariance.items()
                   if not set(table.names) & set(stds)}
     return msgspec.structs.replace(
-        model, name=f"{base.name}-{kind}" if kind else base.name, effects=effects,
-        covariance=covariance, speed_loop=base.speed_loop, provenance=dict(provenance), **sections)
+        model, name=f"{base.name}-{kind}" if kind else base.name, motor_voltage=volt,
+        effects=effects, covariance=covariance, speed_loop=base.speed_loop,
+        provenance=dict(provenance), **sections)
 
 
 def _provenance(d: Diagnosis, base: ModelFile, train: Sequence[Recording], command: str,

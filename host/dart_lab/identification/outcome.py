@@ -18,6 +18,7 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.sizes import CAR_FILE, list_stated_errors
+from dart_lab.identification.battery import find_mean_voltage, state_fade_law
 from dart_lab.identification.drive_form import with_drive_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.mass import average_mass, note_unweighed, replace_mass
@@ -180,12 +181,15 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
     points = {file: (g.reference.lx, g.reference.theta, g.reference.ly)
               for file, (_, g) in used.items()}
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
-                    "one fit of all sub-models by multiple shooting, errors over blocks")
+                    "one fit of all sub-models by multiple shooting, errors over blocks",
+                    find_mean_voltage([r for r, _ in grids]))
     start = vehicle_of(base)
     published = {name: base_values(start, fit) for name, fit in made.fits.items()}
     fits = made.fits
     if sizes := describe_moved_sizes(base, made.nuisance):
         fits = {name: replace(fit, notes=(*fit.notes, sizes)) for name, fit in fits.items()}
+    if law := state_fade_law(start, [r for r, _ in grids]):
+        fits = {name: replace(fit, notes=(*fit.notes, *law)) for name, fit in fits.items()}
     joint = Covariance(made.names, round_covariance(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(fits, files, published, source, joint=joint, frames=frames,
@@ -258,6 +262,9 @@ def identify_per_recording(recordings: list[Recording], skipped: Skipped, names:
     if note := note_unweighed(recordings, base):
         fits = {name: replace(fit, notes=(*fit.notes, note)) if name in ("friction", "motor")
                 else fit for name, fit in fits.items()}
+    if law := state_fade_law(base, recordings):
+        fits = {name: replace(fit, notes=(*fit.notes, *law)) if name == "motor" else fit
+                for name, fit in fits.items()}
     files: dict[str, FileReport] = {}
     frames: dict[str, Reference] = {}
     for r in recordings:
@@ -270,7 +277,8 @@ def identify_per_recording(recordings: list[Recording], skipped: Skipped, names:
     files |= {file: FileReport(0, 0, (f"skipped: {reason}",)) for file, reason in skipped}
     points = {file: (r.lx, r.theta, r.ly) for file, r in frames.items()}
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
-                    "per recording, robust, errors over blocks")
+                    "per recording, robust, errors over blocks",
+                    find_mean_voltage([r for r in recordings if files[str(r.path)].used]))
     published = {name: base_values(base, fit) for name, fit in fits.items()}
     return Identification(fits, files, published, source, mass=mass, frames=frames,
                           compared=_name_comparison(base.name, recordings)), recordings

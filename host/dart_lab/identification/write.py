@@ -20,6 +20,7 @@ from dart_hal.core.config.model import MODEL_PARAMETERS, Covariance, Parameter
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
+from dart_lab.identification.battery import FADE
 from dart_lab.identification.fit import SubmodelFit
 
 # Fits that are sections of the file. Others (rows of a comparison) are not written.
@@ -31,7 +32,8 @@ class Source:
     """Origin of the fits, for the file's provenance.
 
     sha256: of every file used; reference: (L_x [m], theta [rad], L_y [m]) of the mocap marker by
-    file; command: as typed; method: of the fits. Sections of the base that are not replaced keep
+    file; command: as typed; method: of the fits; motor_voltage [V]: of the battery in the files,
+    None if it is not measured in all. Sections of the base that are not replaced keep
     their entry, and the hashes of their files.
     """
 
@@ -39,6 +41,7 @@ class Source:
     command: str = ""
     reference: Mapping[str, tuple[float, float, float]] | None = None
     method: str = "per recording"
+    motor_voltage: float | None = None
 
     def table(self, base: ModelFile, written: Sequence[str]) -> dict[str, Any]:
         """Return the section "provenance"."""
@@ -113,7 +116,11 @@ def build_model(fits: Mapping[str, SubmodelFit], base: ModelFile, source: Source
         separate = {key: table for key, table in model.covariance.items()
                     if not set(table.names) & set(joint.names)}
         model = msgspec.structs.replace(model, covariance={**separate, "joint": joint})
-    model = msgspec.structs.replace(model, name=name, provenance=source.table(base, sections))
+    # A fitted motor holds at the voltage of its files. battery_fade of the base keeps its law.
+    volt = (source.motor_voltage if "motor" in sections and all(
+        e.name != FADE for e in base.effects) else base.motor_voltage)
+    model = msgspec.structs.replace(model, name=name, motor_voltage=volt,
+                                    provenance=source.table(base, sections))
     return WrittenModel(model, tuple(sections), left_out)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from dart_lab.identification.evaluation import CHANNELS, ERROR_UNITS, HORIZONS, Evaluation
 from dart_lab.identification.evaluation.pictures import TITLES, figures
-from dart_lab.pages.evaluate_table import CHANNEL_TITLES, caution, describe_gains
+from dart_lab.pages.evaluate_table import CHANNEL_TITLES, describe_gains, list_cautions
 from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import join_names, significant
@@ -28,11 +28,10 @@ def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
     """
     drawn = [page.figure(FIGURE_TITLES[name], image(figure, FIGURE_TITLES[name]))
              for name, figure in figures(e).items()]
-    warning = caution(e)
     heading, *gains = describe_gains(e)
     limit = e.limit.sentences() if e.limit is not None else []
     result = page.card(el("p", _verdict(e), class_="big"),
-                       page.notices([*cautions, *([f"Caution: {warning}"] if warning else [])]),
+                       page.notices([*cautions, *(f"Caution: {w}" for w in list_cautions(e))]),
                        good=all(g.low > 0.0 for g in e.gain_over_ctrv(1.0).values()))
     folded = page.foldable(heading[:1].upper() + heading[1:].rstrip(":"), page.items(gains))
     by_file = [row for file in e.model.slices for row in _rows(e, file, 1.0, file)]

@@ -51,8 +51,8 @@ def show(e: Evaluation, pictures: list[Path], assumption: str, full: bool) -> No
     print_verdict(_headline(e), _describe_errors(e), _first_step(e))
     if assumption:
         print_line(assumption, "yellow")
-    if caution(e):
-        print_line(f"caution: {caution(e)}", "yellow")
+    for text in list_cautions(e):
+        print_line(f"caution: {text}", "yellow")
     # A narrow terminal may break lines, but the table must not cut a number.
     Console(file=output, emoji=False, width=max(results.width, MIN_TABLE_WIDTH)).print(
         _make_table(e))
@@ -120,18 +120,19 @@ def _list_unused(e: Evaluation) -> Iterator[str]:
                     if EXCLUDED not in why)
 
 
-def caution(e: Evaluation) -> str:
-    """Return a warning if recordings were used to fit the model, else "".
+def list_cautions(e: Evaluation) -> list[str]:
+    """Return warnings of recordings that were used to fit the model, or that do not fit it.
 
     Errors on recordings of the fit do not measure prediction.
     """
     n = len(e.fitted_to)
     total = len(e.prepared.cases)
     if not n:
-        return ""
+        return [*e.notes]
     names = ", ".join(short(file) for file in e.fitted_to[:MAX_NAMED_FILES])
     more = f" and {n - MAX_NAMED_FILES} more" if n > MAX_NAMED_FILES else ""
-    return f"{n} of {total} recordings are those that this model was fitted to: {names}{more}"
+    return [f"{n} of {total} recordings are those that this model was fitted to: {names}{more}",
+            *e.notes]
 
 
 def _make_table(e: Evaluation) -> Table:

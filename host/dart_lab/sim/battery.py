@@ -4,7 +4,8 @@
 
 A straight line from 3.3 to 4.2 V per cell over the charge q is a rough shape of a lithium cell
 between 5 and 100 %. The motor of the world does not become weaker: ``effect=battery_fade`` does
-that, by this voltage.
+that, by this voltage. Its parameters hold at the nominal voltage of the pack, if the vehicle of the
+world states no motor_voltage.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ POWER_ON_CONFIGURATION = 0x399F
 EMPTY_CELL = 3.3
 FULL_CELL = 4.2
 CELLS = 2
+# V of the pack by its label, 3.7 V per cell.
+NOMINAL_VOLTAGE = 3.7 * CELLS
 # Divider of 20 and 10 kohm: ratio, and the resistance that A0 has to both [ohm].
 DIVIDER_RATIO = 3.0
 DIVIDER_OHM = 20e3 / 3.0
@@ -81,13 +84,7 @@ class SimBattery:
         self.charge = params.charge
         self._world = world
         self._params = params
-        self._first = self.voltage
         world.schedule(0.0, self._step)
-
-    @property
-    def sag(self) -> float:
-        """Return by which share of its first value the voltage is lower."""
-        return 1.0 - self.voltage / self._first
 
     @property
     def current(self) -> float:

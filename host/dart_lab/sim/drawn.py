@@ -10,6 +10,7 @@ from dart_hal.vehicle import PAPER, Body
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import find_model
+from dart_lab.sim.battery import NOMINAL_VOLTAGE, parse_battery
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.sealed import SealedCar, sealed_in
 from dart_lab.sim.true_car import affects_mocap_only, apply_effects, replace_vehicle
@@ -47,11 +48,21 @@ def resolve_car(url: Url) -> ResolvedCar:
         car = replace_vehicle(car, p)
     model, renamed = _parse_physics(url, p.kind if p else "dynamic")
     file_effects = p.effects if p else ()
+    measured = parse_battery(url.options.get("battery", "0")) is not None
+    # A file with battery_fade but without the voltage has it by time, and keeps that.
+    if measured and car.vehicle.motor_voltage is None and all(
+            a.name != "battery_fade" for a in file_effects):
+        car = replace(car, vehicle=replace(car.vehicle, motor_voltage=NOMINAL_VOLTAGE))
     ignored = tuple(a.name for a in file_effects if affects_mocap_only(a))
     effects = _combine_effects(url, tuple(a for a in file_effects if not affects_mocap_only(a)))
     notice = (f"effects on a motion capture are left out: {', '.join(ignored)} of {named}",)
+    notices = renamed + (notice if ignored else ())
+    if not measured and car.vehicle.motor_voltage is not None and any(
+            a.name == "battery_fade" for a in effects):
+        notices += ("battery_fade follows the voltage of the battery, because the vehicle states "
+                    "motor_voltage, but this car has no battery=..., so the effect is left out",)
     return ResolvedCar(car, apply_effects(car, effects, model), effects, model,
-                 p.body if p else PAPER.body, renamed + (notice if ignored else ()))
+                       p.body if p else PAPER.body, notices)
 
 
 def _resolve_sealed(sealed: SealedCar) -> ResolvedCar:

@@ -49,12 +49,12 @@ class SignalEffects:
         self._lag_gain = lag_gain(car.esc.lag, dt)
         self._lagged_throttle = 0.0
 
-    def throttle(self, t: float, throttle: float, sag: float | None) -> float:
+    def throttle(self, t: float, throttle: float, voltage: float | None) -> float:
         """Return the throttle -1..1 at the motor from that of the ESC at time t [s].
 
-        sag: share by which the voltage of the battery is lower than at first; None: not measured.
+        voltage [V] of the battery; None: not measured.
         """
-        self.now = self.now._replace(t=t, sag=sag)
+        self.now = self.now._replace(t=t, voltage=voltage)
         self._lagged_throttle += self._lag_gain * (throttle - self._lagged_throttle)
         out: float = self._throttle(self._lagged_throttle, self.now)
         return out
@@ -66,7 +66,8 @@ class SignalEffects:
         self._turns += mean.v_x * self._per_turn * self._dt
         drive = self._drive(throttle, mean.v_x, brake)
         self.now = now = Now(self.now.t + self._dt, mean.v_x, motion.v_y, mean.omega, motion.eta,
-                             mean.a_x, mean.a_y, mean.omega_dot, drive, self._turns, self.now.sag)
+                             mean.a_x, mean.a_y, mean.omega_dot, drive, self._turns,
+                             self.now.voltage)
         a_x, a_y = self._accel((mean.a_x, mean.a_y), now)
         return SensorInputs(self._wheel(mean.v_x, now), self._gyro(mean.omega, now), a_x, a_y)
 

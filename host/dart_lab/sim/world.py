@@ -218,7 +218,7 @@ class World:
             brake = BLOCKING_FORCE
         if effects is not None:
             throttle = effects.throttle(now, throttle,
-                                        None if self.battery is None else self.battery.sag)
+                                        None if self.battery is None else self.battery.voltage)
         lifted = self.lifted
         if self.hand_rate:
             mean = MeanMotion(0.0, 0.0, 0.0, self.hand_rate, 0.0)

@@ -148,7 +148,7 @@ def evaluate_forces_compiled(effects, laws, folder):
 def _now(law, n):
     """Return what a hook may know; the voltage of the battery only if the law has it."""
     return Now(**{k: np.asarray(law.state.get(k, np.zeros(n)), dtype=float) for k in Now._fields
-                  if k != "sag" or k in law.state})
+                  if k != "voltage" or k in law.state})
 
 
 def _series(law, channel):

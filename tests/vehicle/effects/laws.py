@@ -48,7 +48,8 @@ SHARP_CAR = replace(ROUND_CAR, tyres=PaperTyres(20.0, 2.0, 10.0, 0.0, 20.0))
 """Its front tyres have their largest force, 20 N, at 0.1 rad and less beyond."""
 LOOP_CAR = replace(ROUND_CAR, motor=SpeedLoop(gain=8.0, max_force=12.0))
 LAW_CARS = {"round": ROUND_CAR, "loop": LOOP_CAR, "sharp": SHARP_CAR, "axle": AXLE_CAR,
-            "linear": LINEAR_CAR, "paper": PAPER, "upstream": UPSTREAM_2024}
+            "linear": LINEAR_CAR, "paper": PAPER, "upstream": UPSTREAM_2024,
+            "eight volts": replace(ROUND_CAR, motor_voltage=8.0)}
 
 DELTA = math.atan2(0.6, 0.8)
 LEFT = {"cos_d": 0.8, "sin_d": 0.6}
@@ -99,10 +100,16 @@ COMMAND_LAWS = (
         {"throttle": [0.4, 0.4 - 0.15 * 0.25, -0.4 + 0.15 * 0.25]}),
     Law("battery_fade", {"k": 0.2}, {"throttle": [0.4, -0.4, 0.16, 0.0], "t": [100.0] * 4},
         {"throttle": [0.45, -0.45, 0.16 + 0.2 * smooth_dead_band(0.01), 0.0]}),
-    # with a measured voltage, k per 10 % of it, at any time
+    # of a motor of 8 V: k per 0.8 V below that, at any time; nothing where no voltage is measured
     Law("battery_fade", {"k": -0.1}, {"throttle": [0.4, 0.4, -0.4], "t": [0.0, 70.0, 80.0],
-                                      "sag": [0.0, 0.2, -0.05]},
-        {"throttle": [0.4, 0.4 - 0.2 * 0.25, -0.4 - 0.05 * 0.25]}),
+                                      "voltage": [8.0, 6.4, 8.4]},
+        {"throttle": [0.4, 0.4 - 0.2 * 0.25, -0.4 - 0.05 * 0.25]}, "eight volts"),
+    Law("battery_fade", {"k": -0.1}, {"throttle": [0.4, -0.4], "t": [0.0, 70.0]},
+        {"throttle": [0.4, -0.4]}, "eight volts"),
+    # a model that does not state it follows the time, as in version 0.1, also with a voltage
+    Law("battery_fade", {"k": -0.1}, {"throttle": [0.4, 0.4], "t": [0.0, 50.0],
+                                      "voltage": [8.0, 6.4]},
+        {"throttle": [0.4, 0.4 - 0.05 * 0.25]}),
     # |tau| <= 1/k
     Law("motor_saturation", {"k": 2.5}, {"throttle": [0.8, -0.8, 0.3, -0.3, 0.0]},
         {"throttle": [0.4, -0.4, 0.3, -0.3, 0.0]}),

@@ -14,6 +14,8 @@ from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.errors import ConfigError
 
 MODEL_SCHEMA = "dart-hal/model/1"
+# V, from one empty cell to twelve full ones.
+MOTOR_VOLTAGE_RANGE = (2.5, 55.0)
 Parameter = float | Quantity
 Parameters = dict[str, Parameter]
 
@@ -35,6 +37,9 @@ MODEL_KEYS: dict[str, tuple[str, str]] = {
     "name": ("text", "name of the model in tables and reports"),
     "kind": ("`dynamic` or `kinematic`", "bicycle that moves the car: with slip of the tyres, or "
              "without"),
+    "motor_voltage": ("number [V]", "voltage of the battery at which the parameters of the motor "
+                      "hold; with it, `battery_fade` follows the measured voltage, without it the "
+                      "time, as in all files of version 0.1"),
     "body": ("table", "sizes and inertia of the car"),
     "friction": ("table", "resistance to rolling"),
     "motor": ("table", "force of the motor at the wheels"),
@@ -73,12 +78,14 @@ class ModelFile(FileTable, frozen=True, kw_only=True):
 
     ``forms``: variants of the equations, such as "slip" (``vehicle.tyres.make_slip``)
     and "motor" ("duty" or "speed", ``vehicle.motor``);
-    ``speed_loop``: gains of ``drive_speed``; ``provenance``: hashes of the data, command.
+    ``speed_loop``: gains of ``drive_speed``; ``motor_voltage`` [V]: of the battery, at which the
+    motor's parameters hold, None if unknown; ``provenance``: hashes of the data, command.
     """
 
     schema: str = MODEL_SCHEMA
     name: str
     kind: Literal["kinematic", "dynamic"]
+    motor_voltage: float | None = None
     body: Parameters
     friction: Parameters = msgspec.field(default_factory=dict)
     motor: Parameters = msgspec.field(default_factory=dict)
@@ -113,6 +120,10 @@ def check_model(model: ModelFile, origin: str) -> ModelFile:
             if key not in known:
                 raise unknown_key_error(key, known, origin, section)
             _check_entry(entry, f"{section}.{key}", origin)
+    volt = model.motor_voltage
+    low, high = MOTOR_VOLTAGE_RANGE
+    require(volt is None or low <= volt <= high, origin, "motor_voltage", volt,
+            f"{low:g} to {high:g} V")
     for effect in model.effects:
         for key, entry in effect.parameters.items():
             _check_entry(entry, f"effects.{effect.name}.{key}", origin)

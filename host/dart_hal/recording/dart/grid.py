@@ -27,8 +27,7 @@ class Grid:
     t s from the first mocap row; x, y m, yaw rad unwrapped; v_x, v_y m/s in
     body axes, omega rad/s; throttle (gated), steering, encoder [m/s]: last
     message that had arrived (NaN: no such sensor); bad: do not use; scale: of
-    the car, see ``Recording.scale``; sag: of the battery, see ``BatteryVoltage.sag``, None where
-    its voltage is not measured.
+    the car, see ``Recording.scale``; voltage [V] of the battery, None where it is not measured.
     """
 
     t: FloatArray
@@ -44,7 +43,7 @@ class Grid:
     bad: BoolArray
     reference: Reference
     scale: Scale = REFERENCE_SCALE
-    sag: FloatArray | None = None
+    voltage: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -79,4 +78,4 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float | 
         t=freeze(m.t), x=x, y=y, yaw=freeze(yaw), v_x=v_x, v_y=v_y, omega=freeze(m.omega),
         throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
         bad=freeze_flags(m.bad), reference=ref, scale=recording.scale,
-        sag=None if recording.battery is None else freeze(recording.battery.sag(m.t)))
+        voltage=None if recording.battery is None else freeze(recording.battery.interpolate(m.t)))

@@ -172,14 +172,9 @@ class BatteryVoltage:
     t: FloatArray
     voltage: FloatArray
 
-    def sag(self, t: FloatArray) -> FloatArray:
-        """Compute by which share of its first value the voltage is lower at t (n,) s.
-
-        The first value is the median of the first second of readings. Between two readings the
-        voltage is interpolated; before the first and after the last one it is held.
-        """
-        first = np.median(self.voltage[self.t < self.t[0] + 1.0])
-        return 1.0 - np.interp(t, self.t, self.voltage) / float(first)
+    def interpolate(self, t: FloatArray) -> FloatArray:
+        """Return the voltage [V] at t (n,) s; it is constant before and after the readings."""
+        return np.asarray(np.interp(t, self.t, self.voltage))
 
 
 @dataclass(frozen=True, slots=True)

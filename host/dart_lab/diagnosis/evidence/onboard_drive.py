@@ -101,8 +101,9 @@ def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
     g = _integrate_sensors(m, rows, samples, zero - sent[0], mean_s)
     commanded, c = commands
     battery = recording.battery
-    g = replace(g, scale=recording.scale,
-                sag=None if battery is None else battery.sag(zero + np.arange(len(g)) * SAMPLE),
+    voltage = (None if battery is None
+               else battery.interpolate(zero + np.arange(len(g)) * SAMPLE))
+    g = replace(g, scale=recording.scale, voltage=voltage,
                 throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])

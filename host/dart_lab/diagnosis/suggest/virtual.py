@@ -5,7 +5,7 @@ The noise is known from the data at hand. Here only the difference between two c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
+from dart_hal.recording.dart import BatteryVoltage, Grid, Messages, Mocap, Recording, Reference
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import apply_parameter_effects
@@ -34,6 +34,9 @@ COMMAND_AGE = 0.05
 # m/s; at lower speeds hardly a mark passes in 0.1 s, and the creep of the equations at rest is
 # not real.
 MIN_ENCODER_SPEED = 0.02
+# 1/s by which the battery of a drive loses its voltage: with it, battery_fade is the same number by
+# the voltage and by the time.
+VOLTAGE_DROP_RATE = 1e-3
 EPOCH = datetime(2024, 9, 8, tzinfo=timezone.utc).timestamp()
 
 
@@ -61,6 +64,10 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
     steering = commands.steering[index]
     held = [zero_order_hold(sent - COMMAND_AGE, u, n) for u in (throttle, steering)]
     g = _grid(n, held[0], held[1], reference)
+    battery = None
+    if p.motor_voltage is not None:
+        battery = BatteryVoltage(g.t, p.motor_voltage * (1.0 - VOLTAGE_DROP_RATE * g.t))
+        g = replace(g, voltage=battery.voltage)
     tau, angle = actuator_outputs(p, g, smooth=True)
     start = np.array([[0.0], [0.0], [yaw], [0.0], [0.0], [0.0]])
     s = rollout(p, start, tau[:-1, None], angle[:-1, None], output_samples=range(n))[:, :, 0].T
@@ -76,7 +83,7 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
                  yaw_rate=freeze(rate[samples]), accel_x=freeze(a_x[samples]),
                  accel_y=freeze(a_y[samples]))
     return Recording(Path("suggested") / name, "B", m, mocap, "ok", None, "", (),
-                     drive=p.drive)
+                     drive=p.drive, battery=battery)
 
 
 def _grid(n: int, throttle: FloatArray, steering: FloatArray, reference: Reference) -> Grid:

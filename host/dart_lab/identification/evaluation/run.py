@@ -12,6 +12,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.battery import state_fade_law
 from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.prediction.rollout import Progress
 from dart_lab.identification.prediction.windows import HORIZONS
@@ -28,7 +29,7 @@ class Evaluation:
     """Errors of one model and of constant velocity (CTRV), on the same windows.
 
     fitted_to: keys of the recordings that the model was fitted to. Its errors on these are no
-    estimate of its errors on others.
+    estimate of its errors on others. notes: parts of the model that do not fit the recordings.
     """
 
     vehicle: Vehicle
@@ -37,6 +38,7 @@ class Evaluation:
     ctrv: Score
     limit: KinematicLimit | None
     fitted_to: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def gain_over_ctrv(self, horizon: float = 1.0) -> dict[str, Gain]:
         """Compute by channel the RMSE reduction over constant velocity, with its interval."""
@@ -49,7 +51,7 @@ class Evaluation:
                 for h in HORIZONS}
         return {
             "model": self.vehicle.name, "kind": self.vehicle.kind,
-            "fitted_to": list(self.fitted_to),
+            "fitted_to": list(self.fitted_to), "notes": list(self.notes),
             "horizons": self.model.to_json(), "ctrv": self.ctrv.to_json(),
             "gain_over_ctrv": over,
             "kinematic_limit": self.limit.to_json() if self.limit else None,
@@ -81,5 +83,6 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
     share = (lambda done: progress(0.6 * done)) if progress else None
     out = Evaluation(p, prepared, score_states(predict(p, cases, share, each)),
                      score_states(predict_ctrv(cases)), None,
-                     tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to))
+                     tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to),
+                     tuple(state_fade_law(p, recordings)))
     return replace(out, limit=kinematic_limit(p, cases)) if limit else out

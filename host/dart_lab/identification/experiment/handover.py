@@ -17,6 +17,7 @@ from dart_hal.core.ports import Workshop
 from dart_hal.core.ports.workshop import SCALE_STD
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.battery import find_mean_voltage
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.submodels import fit_submodels
 from dart_lab.identification.write import Source, WrittenModel, build_model, write
@@ -38,7 +39,8 @@ ONBOARD_NOTE = "on-board sensors identify"
 class ExperimentOutcome:
     """Fits by sub-model, reports by file as ``identify`` prints them, and the base model.
 
-    understeer: gradient from on-board sensors; None for other experiments.
+    understeer: gradient from on-board sensors; None for other experiments. motor_voltage [V]: mean
+    voltage of the battery in the drive; None: not measured.
     """
 
     fits: Mapping[str, SubmodelFit]
@@ -46,6 +48,7 @@ class ExperimentOutcome:
     base: Vehicle
     mass: FittedParameter
     understeer: Understeer | None = None
+    motor_voltage: float | None = None
 
     @property
     def empty(self) -> bool:
@@ -94,7 +97,7 @@ def fit_run(path: str | Path, name: str, files: CarFiles,
         fits = {n: replace(fit, notes=tuple(s for s in fit.notes if not s.startswith(ONBOARD_NOTE)))
                 for n, fit in fits.items()}
     return ExperimentOutcome({n: add_scale_errors(fit, files) for n, fit in fits.items()}, reports,
-                             base, mass, gradient)
+                             base, mass, gradient, find_mean_voltage([recording]))
 
 
 def write_model(outcome: ExperimentOutcome, files: CarFiles, run: Path, target: Path, command: str
@@ -108,7 +111,7 @@ def write_model(outcome: ExperimentOutcome, files: CarFiles, run: Path, target: 
     mass = Quantity(outcome.mass.value, outcome.mass.std)
     start = msgspec.structs.replace(start, body={**start.body, "mass": mass})
     source = Source({str(run): hashlib.sha256(run.read_bytes()).hexdigest()}, command,
-                    method="experiment")
+                    method="experiment", motor_voltage=outcome.motor_voltage)
     written = build_model(outcome.fits, start, source)
     write(written, target)
     return written

@@ -91,14 +91,14 @@ def _apply_effects(p: Vehicle, channel: str, series: FloatArray, g: Grid,
     """Apply the effects on a channel to a series (n,), in their order."""
     remembers = any(isinstance(hook, Stateful) for _, hook in signals(p, channel))
     t = g.t
-    sag = g.sag
+    voltage = g.voltage
     parts = PARTS if sampled == "mean" and remembers else 1
     if parts > 1:
         series = np.repeat(series, parts)
         t = (t[:, None] + np.arange(parts) * SAMPLE / parts).ravel()
-        sag = None if sag is None else np.repeat(sag, parts)
+        voltage = None if voltage is None else np.repeat(voltage, parts)
     # A hook that reads the motion gets NaN, which is detected below.
-    unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))._replace(sag=sag)
+    unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))._replace(voltage=voltage)
     out = np.asarray(channels.transform_signal(p, channel, series, unmoved, SAMPLE / parts))
     out = out.reshape(-1, parts).mean(axis=1) if parts > 1 else out
     if not np.isfinite(out).all():
