@@ -128,3 +128,32 @@ def test_a_drive_goes_on_behind_a_disc_that_is_far_away():
     assert drive.phase is not Phase.ENDED
     assert np.abs(rows[:, 3]).max() < 0.01
     assert 1.0 < drive.tracker.air[0] < inf
+
+
+def measure_least_air(speed: float, shut_at: float) -> float:
+    """Clearance [m] to a disc that is passed, where one more shuts the lane 2.6 m ahead from an arc
+    length on."""
+    passed_disc = Disc(4.0, -0.15, 0.15)
+    drive = follower(passed_disc, speed)
+
+    def shut(_t, drive, motion):
+        if drive.tracker.s > shut_at:
+            drive.tracker.set_moving_obstacles((Obstacle(shut_at + 2.6, 0.0, 0.15),))
+        return motion
+
+    light_drive(drive, each=shut)
+    assert drive.why == "obstacles leave no way within the lane"
+    assert drive.phase is Phase.ENDED
+    return drive.tracker.air[0]
+
+
+@pytest.mark.parametrize(("speed", "shut_at"), [(1.5, 3.1), (2.0, 2.9), (2.0, 3.3), (1.0, 3.5)])
+@pytest.mark.slow_except("1.5-3.1", "2.0-2.9")
+def test_lane_that_is_shut_while_an_obstacle_is_passed_leads_to_no_contact(speed, shut_at):
+    assert measure_least_air(speed, shut_at) > 0.10
+
+
+def test_steering_back_to_the_path_would_hit_the_obstacle(monkeypatch):
+    """The control."""
+    monkeypatch.setattr(tracker.Contouring, "_find_course", lambda self, plan: tracker._ON_PATH)
+    assert measure_least_air(2.0, 2.9) < 0.0

@@ -4,7 +4,8 @@ The plan begins at the pose predicted for the time at which its inputs act, with
 model. The car's speed loop drives: its setpoint is the speed of the plan a little later, where that
 is less than that of the profile. A late plan is replaced by the last one, shifted. Too many late
 plans in a row (``driving.MAX_LATE_PLANS``), a plan that diverges or one without a passage between
-obstacles end the drive (``why``): ``fallback`` steers until the car is at rest.
+obstacles end the drive (``why``): ``fallback`` steers along the last plan until the car is at rest.
+On the path itself it could hit an obstacle that is being passed.
 
 Obstacles are given as discs; ``air`` holds the smallest clearance to each, by the car's estimate.
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from math import cos, inf, sin
+from math import cos, inf, pi, remainder, sin
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -55,6 +56,8 @@ PLANS_PER_PREDICTION = 10
 MAX_PREDICTIONS = 600
 # Outcomes in the order by which they are recorded.
 PLAN_OUTCOMES = tuple(PlanOutcome)
+
+_ON_PATH = (np.zeros(1), np.zeros(1), np.zeros(1))
 
 PlannerT = TypeVar("PlannerT", bound=MpcPlanner[Any])
 
@@ -108,6 +111,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self._st = 0.0
         self._late_plans = 0
         self._plan_count = 0
+        self._last_course = _ON_PATH
 
     def begin(self, s: float) -> None:
         """See ``Tracker``. Raises UsageError for a disc that leaves no passage within the lane."""
@@ -121,6 +125,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self._next_plan_t = -inf
         self._late_plans = 0
         self._plan_count = 0
+        self._last_course = _ON_PATH
         self._st = self.plant.command_of(0.0)
 
     def steer(self, motion: MotionEstimate) -> float:
@@ -132,13 +137,13 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self._prediction.update(motion)
         self._measure_clearance(motion)
         if self.why:
-            return self._fallback.steer(motion)
+            return self._steer_by_fallback(motion)
         if motion.t > self._next_plan_t - 1e-6:
             self._next_plan_t = motion.t + STAGE_PERIOD
             self.plan = self._make_plan(motion)
             self.plan_log = {"outcome": np.array([float(PLAN_OUTCOMES.index(self.plan.outcome))])}
             if self.why:
-                return self._fallback.steer(motion)
+                return self._steer_by_fallback(motion)
             self._st = self._disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
             std = lateral_std(self.plan, motion.cov)
@@ -190,7 +195,30 @@ class Contouring(PathTracker, Generic[PlannerT]):
         plan: MpcPlan = self.mpcc.plan(future.t, state, s, (last_tau, effective(self._st)))
         self._late_plans = self._late_plans + 1 if plan.outcome is PlanOutcome.LATE else 0
         self.why = describe_failure(plan.outcome, self._late_plans)
+        if self.why and last_plan is not None:
+            self._last_course = self._find_course(last_plan)
         return plan
+
+    def _find_course(self, plan: MpcPlan) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return arc length [m], offset [m] and heading error [rad] of the states of a plan."""
+        course = []
+        s = self.s
+        for x, y, yaw in plan.states[:, :3].tolist():
+            s = self.path.closest(x, y, s)
+            turn = yaw - self.path.interpolate(s).heading
+            course.append((s, self.path.offset(x, y, s), remainder(turn, 2.0 * pi)))
+        s_values, offsets, turns = np.array(course).T
+        return s_values, offsets, turns
+
+    def _steer_by_fallback(self, motion: MotionEstimate) -> float:
+        """Steer along the last plan: the fallback gets the motion relative to it."""
+        offset, turn = (float(np.interp(self.s, self._last_course[0], values))
+                        for values in self._last_course[1:])
+        heading = self.path.interpolate(self.s).heading
+        pose = motion.pose
+        relative = replace(pose, x=pose.x + offset * sin(heading), y=pose.y - offset * cos(heading),
+                           yaw=pose.yaw - turn)
+        return self._fallback.steer(replace(motion, pose=relative))
 
     def _target_speeds(self, s: FloatArray) -> FloatArray:
         """Return the target speeds [m/s] at arc lengths [m]."""
