@@ -8,10 +8,18 @@ import shutil
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
-from dart_lab.importing import convert_tables, load_map, read_tables, table_from_frame
+from dart_hal.recording.imported import write_imported
+from dart_lab.importing import (
+    convert_tables,
+    guess_map,
+    load_map,
+    read_tables,
+    table_from_frame,
+)
 from dart_lab.importing.bags import _store
-from dart_lab.importing.maps import parse_map
+from dart_lab.importing.maps import column_of, parse_map
 from tests.importing.logs import MAP, MAX_ANGLE, make_log
 
 pytest.importorskip("rosbags")
@@ -20,12 +28,15 @@ from rosbags import rosbag1, rosbag2
 TOPICS = {
     "/pf/pose/odom": ("nav_msgs/msg/Odometry", 20), "/odom": ("nav_msgs/msg/Odometry", 2),
     "/drive": ("ackermann_msgs/msg/AckermannDriveStamped", 5),
-    "/sensors/imu/raw": ("sensor_msgs/msg/Imu", 1)}
+    "/sensors/imu/raw": ("sensor_msgs/msg/Imu", 1),
+    "/sensors/core": ("vesc_msgs/msg/VescStateStamped", 2),
+    "/battery": ("sensor_msgs/msg/BatteryState", 50)}
 
 
 @pytest.fixture(scope="module")
 def log():
-    return make_log(8.0)
+    columns = make_log(8.0)
+    return {**columns, "voltage": 8.2 - 0.05 * (columns["t"] - columns["t"][0])}
 
 
 def make_message(store, kind, columns, k):
@@ -41,6 +52,20 @@ def make_message(store, kind, columns, k):
             steering_angle=MAX_ANGLE * columns["steering"][k], steering_angle_velocity=0.0,
             speed=6.0 * columns["throttle"][k], acceleration=0.0, jerk=0.0)
         return types[kind](header=header, drive=drive)
+    if kind.endswith("VescStateStamped"):
+        state = types["vesc_msgs/msg/VescState"]
+        numbers = dict.fromkeys(state.__dataclass_fields__, 0) | {
+            "voltage_input": columns["voltage"][k]}
+        numbers.pop("__msgtype__", None)
+        return types[kind](header=header, state=state(**numbers))
+    if kind.endswith("BatteryState"):
+        cells = np.full(2, 0.5 * columns["voltage"][k], dtype=np.float32)
+        numbers = dict.fromkeys(("temperature", "current", "charge", "capacity", "design_capacity",
+                                 "percentage"), np.nan)
+        return types[kind](
+            header=header, voltage=columns["voltage"][k], **numbers, power_supply_status=2,
+            power_supply_health=1, power_supply_technology=3, present=True, cell_voltage=cells,
+            cell_temperature=np.zeros(0, dtype=np.float32), location="", serial_number="")
     half = 0.5 * columns["yaw"][k]
     turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=np.sin(half), w=np.cos(half))
     if kind.endswith("Imu"):
@@ -79,7 +104,7 @@ def write_ros1(path, columns):
 
     store = get_typestore(Stores.ROS1_NOETIC)
     for name, text in DEFINITIONS.items():
-        if name not in store.fielddefs and "ackermann" in name:
+        if name not in store.fielddefs:
             store.register(get_types_from_msg(text, name))
     header = store.types["std_msgs/msg/Header"]
     with rosbag1.Writer(path) as writer:
@@ -115,6 +140,7 @@ def compare(tables, log):
     assert commands[:, 1] == pytest.approx(6.0 * log["throttle"][::5], abs=1e-6)
     assert data.streams["encoder"].values[:, 0] == pytest.approx(log["speed"][::2])
     assert data.streams["gyro"].values[:, 0] == pytest.approx(log["yaw_rate"])
+    assert data.streams["battery"].values[:, 0] == pytest.approx(log["voltage"][::2])
 
 
 @pytest.mark.parametrize("plugin", list(rosbag2.StoragePlugin))
@@ -130,6 +156,34 @@ def test_one_mcap_file_of_a_bag_is_enough(log, tmp_path):
 
 def test_a_ros1_bag_is_imported_by_topic(log, tmp_path):
     compare(read_tables([write_ros1(tmp_path / "run.bag", log)]), log)
+
+
+BATTERY_TOPICS = ("/sensors/core", "/battery")
+
+
+@pytest.mark.parametrize(("kept", "column"), [
+    (BATTERY_TOPICS, "state.voltage_input"), (BATTERY_TOPICS[1:], "voltage"), ((), None)])
+def test_a_guess_finds_the_voltage_of_the_battery(log, tmp_path, kept, column):
+    tables = [table for table in read_tables([write_ros2(tmp_path / "bag", log)])
+              if table.name in kept or table.name not in BATTERY_TOPICS]
+    found = guess_map(tables).map.battery
+    if column is None:
+        assert found is None
+        return
+    assert (found.table, column_of(found.voltage).column) == (kept[0], column)
+    data = convert_tables(tables, guess_map(tables).map)
+    write_imported(data, tmp_path / "run.mcap")
+    battery = read_run(tmp_path / "run.mcap").battery
+    # The clock of the recording starts at the first pose.
+    assert battery.interpolate(np.array([2.0, 6.0])) == pytest.approx([8.1, 7.9], abs=1e-3)
+
+
+def test_a_shipped_map_imports_a_bag_without_a_voltage(log, tmp_path):
+    tables = [table for table in read_tables([write_ros2(tmp_path / "bag", log)])
+              if table.name != "/sensors/core"]
+    data = convert_tables(tables, load_map("f1tenth")[0])
+    assert "battery" not in data.streams
+    assert any("'/sensors/core'" in change for change in data.facts["changes"])
 
 
 def test_a_missing_topic_lists_what_there_is(log, tmp_path):

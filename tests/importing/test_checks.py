@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_lab.importing import check_data, convert_tables, guess_map
-from dart_lab.importing.maps import parse_map
+from dart_lab.importing.maps import Column, column_of, parse_map
 from dart_lab.importing.tables import Table
 from tests.importing.logs import MAP, make_log
 
@@ -91,6 +91,18 @@ def test_the_proposed_map_undoes_what_was_done_to_the_log(log):
             want = stream.values
         assert data.streams[name].t == pytest.approx(stream.t)
         assert got == pytest.approx(want, abs=1e-6), name
+
+
+@pytest.mark.parametrize(("name", "volt", "unit"), [
+    ("battery_voltage", 7.6, "V"), ("vbat_mV", 7600.0, "mV"), ("v_in", 15.8, "V"),
+    ("Battery V", 11.1, "V"), ("motor_voltage", 7.6, None), ("cell_voltage[0]", 3.8, None),
+    ("servo_in", 7.6, None), ("battery_voltage", 0.8, None), ("battery_percent", 40.0, None)])
+def test_a_guess_recognises_the_voltage_of_the_battery(log, name, volt, unit):
+    made = guess_map([Table("log", {**log, name: np.full(len(log["t"]), volt)})])
+    assert (made.map.battery is None) == (unit is None)
+    if unit is not None:
+        assert column_of(made.map.battery.voltage) == Column(column=name, unit=unit)
+        assert f"median is {volt:.4g} {unit}" in made.text
 
 
 def test_columns_without_names_are_found_by_the_data(log):

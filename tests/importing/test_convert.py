@@ -219,6 +219,44 @@ def test_without_poses_the_messages_are_means(log, tmp_path):
                                                     abs=0.05)
 
 
+BATTERY_MAP = MAP + '[battery]\nvoltage = "volts"\n'
+
+
+@pytest.mark.parametrize(("rows", "unit"), [
+    (lambda n: np.ones(n, dtype=bool), "V"), (lambda n: np.arange(n) % 100 == 7, "mV")])
+def test_a_voltage_is_carried_also_if_few_rows_have_it(log, tmp_path, rows, unit):
+    factor = {"V": 1.0, "mV": 1000.0}[unit]
+    volts = factor * (8.0 - 0.1 * (log["t"] - log["t"][0]))
+    volts[~rows(len(volts))] = np.nan
+    text = BATTERY_MAP.replace('"volts"', f'{{column = "volts", unit = "{unit}"}}')
+    write_imported(convert({**log, "volts": volts}, text), tmp_path / "run.mcap")
+    battery = read_run(tmp_path / "run.mcap").battery
+    assert battery.interpolate(np.array([3.0, 9.0])) == pytest.approx([7.7, 7.1], abs=1e-3)
+
+
+def test_a_voltage_with_a_gap_is_not_used_and_that_is_noted(log, tmp_path):
+    volts = np.where(np.abs(log["t"] - log["t"].mean()) < 1.5, np.nan, 8.0)
+    write_imported(convert({**log, "volts": volts}, BATTERY_MAP), tmp_path / "run.mcap")
+    r = read_run(tmp_path / "run.mcap")
+    assert r.battery is None
+    assert any("voltage of the battery is not used" in str(note) for note in r.notes)
+
+
+@pytest.mark.parametrize(("volts", "remedy"), [
+    (7900.0, 'unit = "mV"'), (1.4, "its scale"), (87.0, "name another column"), (0.0, "scale")])
+def test_a_voltage_that_no_battery_has_is_refused(log, volts, remedy):
+    with pytest.raises(RecordingError, match="no voltage of a small car") as error:
+        convert({**log, "volts": np.full(len(log["t"]), volts)}, BATTERY_MAP)
+    assert remedy in error.value.remedy
+
+
+def test_a_voltage_alone_is_no_measurement(log):
+    text = BATTERY_MAP[:BATTERY_MAP.index("[poses]")] + "[steering]" + BATTERY_MAP.split(
+        "[steering]")[1].split("[encoder]")[0] + '[battery]\nvoltage = "volts"\n'
+    with pytest.raises(RecordingError, match="only commands"):
+        convert({**log, "volts": np.full(len(log["t"]), 8.0)}, text)
+
+
 def test_a_failed_write_leaves_nothing(log, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_hal.recording.cdr.encode_numbers", lambda row: 1 / 0)
     with pytest.raises(ZeroDivisionError):

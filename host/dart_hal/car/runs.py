@@ -38,7 +38,7 @@ from dart_hal.recording.dart import (
     read,
     with_marker_frames,
 )
-from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
+from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index, select_voltage
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_hal.recording.imported import is_imported, read_imported
@@ -52,8 +52,6 @@ FRAMES_PER_FINE_MESSAGE = 2
 MIN_FRAMES = 100
 # Replayed runs that are kept in memory: an hour of driving is 10 MB.
 MAX_CACHED_RUNS = 32
-# s without a reading of the battery up to which its voltage counts as measured: eight readings.
-MAX_BATTERY_GAP = 2.0
 # s by which an acceleration is older than the update of the yaw rate: its own filter of 62.5 Hz,
 # and it is read before the gyro.
 ACCEL_DELAY = 0.0025 + DEFAULT_GYRO_READ[0]
@@ -159,13 +157,14 @@ class _Run:
 def _replay_run(path: Path, digest: str, car: NamedCar) -> _Run:
     """Replay a run once for all uses; digest: of its content."""
     states, files, notices = _states(path, car)
+    t, voltage = np.array(list(RunReader(path).battery()), dtype=np.float64).reshape(-1, 2).T
     return _Run(len(states), states[-1].health.lost,
                 {every: _messages(states, files, every)
                  for every in (FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE)},
                 _moments(states, files), tuple(RunReader(path).poses()),
                 marker_calibration(files.calibration), files.config, notices,
                 _written_commands(path, files),
-                _battery_voltage(path, states[0].t, states[-1].t))
+                select_voltage(t, voltage, states[0].t, states[-1].t))
 
 
 def _written_commands(path: Path, files: CarFiles) -> AppliedCommands | None:
@@ -182,18 +181,6 @@ def _written_commands(path: Path, files: CarFiles) -> AppliedCommands | None:
         freeze(np.array([a.t for a in applied])),
         freeze(np.array([a.applied.throttle for a in applied])),
         freeze(np.round(remove_dithering(steering, count), 6)))
-
-
-def _battery_voltage(path: Path, first: float, last: float) -> BatteryVoltage | None:
-    """Return the voltage from ``first`` to ``last`` [s], None unless it is measured throughout."""
-    readings = np.array([r for r in RunReader(path).battery() if np.isfinite(r[1]) and r[1] > 0.0])
-    if not len(readings):
-        return None
-    t, voltage = readings.T
-    within = t[(t >= first) & (t <= last)]
-    if np.diff(np.concatenate([[first], within, [last]])).max() > MAX_BATTERY_GAP:
-        return None
-    return BatteryVoltage(freeze(t), freeze(voltage))
 
 
 def _shift_times(series: Timed | None, start: float) -> Timed | None:

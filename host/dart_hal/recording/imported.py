@@ -25,8 +25,10 @@ from dart_hal.recording import cdr
 from dart_hal.recording.dart.mocap import EPOCH_FROM
 from dart_hal.recording.dart.mocap import mocap as read_mocap
 from dart_hal.recording.dart.model import (
+    MAX_BATTERY_GAP,
     RUN,
     AppliedCommands,
+    BatteryVoltage,
     Messages,
     Mocap,
     Note,
@@ -35,6 +37,7 @@ from dart_hal.recording.dart.model import (
     freeze,
     freeze_flags,
     freeze_index,
+    select_voltage,
 )
 from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS, note_false_lock
 from dart_hal.recording.dart.schema import MOCAP_COLUMNS
@@ -49,15 +52,18 @@ from dart_hal.vehicle.parameters import MOTOR_FORMS
 CAR_FILE = "car.toml"
 KIND = "std_msgs/msg/Float64MultiArray"
 # Columns of each stream. Steering is -1..1, + to the left; throttle is -1..1, or the commanded
-# speed [m/s] of a speed loop; the rest is in m, rad, m/s, rad/s and m/s2.
+# speed [m/s] of a speed loop; the rest is in m, rad, m/s, rad/s, m/s2 and V.
 STREAM_COLUMNS = {
     "poses": ("x", "y", "yaw"),
     "commands": ("steering", "throttle"),
     "encoder": ("speed",),
     "gyro": ("yaw_rate",),
     "accelerometer": ("accel_x", "accel_y"),
+    "battery": ("voltage",),
 }
 SENSORS = ("encoder", "gyro", "accelerometer")
+# Streams without which nothing is known of the motion; of the others, "commands" is needed as well.
+MEASUREMENTS = ("poses", *SENSORS)
 # Time [s] over which a message has the mean speed, as in the published recordings.
 SPEED_MEAN_TIME = 0.1
 # s between two messages: 50 Hz, as of a run with poses; a slower sensor decides.
@@ -83,7 +89,7 @@ class Stream:
 class ImportedData:
     """Content of an imported file.
 
-    streams: by name, see STREAM_COLUMNS; "commands" and at least one other. drive: one of
+    streams: by name, see STREAM_COLUMNS; "commands" and at least one of MEASUREMENTS. drive: one of
     MOTOR_FORMS. steering_scale: steering angle [rad] of the command 1, as the map states it; None:
     the log has no angle. marker: pose of the tracked frame on the car; None: unknown, to be fitted.
     facts: name of the map, its text, sources with their SHA-256, changes to the data.
@@ -142,7 +148,8 @@ def read_data(path: Path) -> ImportedData:
         scale = facts.pop("steering_scale")
         frame: object = facts.pop("marker")
         streams = _read_streams(found)
-        if drive not in MOTOR_FORMS or "commands" not in streams or len(streams) < 2:
+        if (drive not in MOTOR_FORMS or "commands" not in streams
+                or not set(streams) & set(MEASUREMENTS)):
             raise ValueError(f"drive {drive}, streams {', '.join(streams) or 'none'}")
         return ImportedData(streams, drive, None if scale is None else float(scale),
                             None if frame is None else _read_marker(frame),
@@ -204,15 +211,28 @@ def read_imported(path: Path, digest: str, frames: int, *, poses: bool = True,
     if "encoder" in sensors:
         encoder = "ok" if np.any(sensors["encoder"].values) else "zero"
     commands = data.streams["commands"]
+    battery = _read_battery(data, zero, messages)
+    if battery is None and "battery" in data.streams:
+        notes.append(Note("the voltage of the battery is not used: more than "
+                          f"{MAX_BATTERY_GAP:g} s pass without a reading", kind="slow_sensor"))
     made = Recording(
         path, RUN, messages, mocap, encoder, None, digest, tuple(notes), marker=data.marker,
-        span=span, car=car, drive=data.drive, steering_scale=data.steering_scale,
+        span=span, car=car, drive=data.drive, steering_scale=data.steering_scale, battery=battery,
         commands=None if mocap is None else AppliedCommands(
             freeze(commands.t - zero), freeze(commands.values[:, 1]),
             freeze(commands.values[:, 0])))
     if mocap is not None and "encoder" in sensors:
         made = note_false_lock(made)
     return replace(made, notes=(*made.notes, *steering_note(made)))
+
+
+def _read_battery(data: ImportedData, zero: float, messages: Messages) -> BatteryVoltage | None:
+    """Return the voltage from the first to the last message; zero [s]: start of their clock."""
+    if "battery" not in data.streams:
+        return None
+    stream = data.streams["battery"]
+    return select_voltage(stream.t - zero, stream.values[:, 0], float(messages.arrival[0]),
+                          float(messages.arrival[-1]))
 
 
 def _read_poses(data: ImportedData) -> tuple[Mocap | None, float | None, list[Note]]:

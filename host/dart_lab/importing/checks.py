@@ -138,7 +138,8 @@ def resample(data: ImportedData) -> GridData:
     Columns: those of the streams, and pose_speed, pose_yaw_rate and course, the direction of
     travel [rad] of the poses.
     """
-    streams = data.streams
+    # The battery may be read once a second, and no other stream is compared with it.
+    streams = {name: s for name, s in data.streams.items() if name != "battery"}
     start = max(float(s.t[0]) for s in streams.values())
     end = min(float(s.t[-1]) for s in streams.values())
     t = np.arange(start, end, GRID_STEP)

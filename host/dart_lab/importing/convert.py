@@ -7,10 +7,11 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+from dart_hal.core.config.model import MOTOR_VOLTAGE_RANGE
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.model import Reference
-from dart_hal.recording.imported import ImportedData, Stream
+from dart_hal.recording.imported import MEASUREMENTS, ImportedData, Stream
 
 from .maps import UNITS, Column, Frame, ImportMap, StreamColumns, column_of
 from .tables import Table, quote_names
@@ -24,6 +25,9 @@ MIN_PERIOD = 5e-5
 MAX_PERIOD = 1.0
 # Rows of a stream below which nothing can be done with it.
 MIN_ROWS = 30
+MIN_BATTERY_ROWS = 2
+# Streams of which a row holds until the next one, and may be rare.
+HELD_STREAMS = ("steering", "throttle", "battery")
 # Commands beyond -1..1, by rounding.
 COMMAND_TOLERANCE = 1.0 + 1e-6
 # rad: no small car steers its wheels by more.
@@ -67,8 +71,12 @@ def convert_tables(tables: Sequence[Table], mapping: ImportMap, text: str = "",
         streams["accelerometer"] = read("accelerometer", axes, {"x": axes.x, "y": axes.y})
     if len(streams) < 2:
         raise RecordingError("the map has no measurement, only commands", found=mapping.name,
-                             expected="at least one of poses, encoder, gyro, accelerometer",
+                             expected=f"at least one of {', '.join(MEASUREMENTS)}",
                              remedy="add the table [poses], or [encoder] and [gyro], to the map")
+    battery = mapping.battery
+    if battery is not None and _has_table(tables, battery.table or mapping.table, changes):
+        streams["battery"] = read("battery", battery, {"voltage": battery.voltage})
+        _check_voltage(streams["battery"].values)
     _check_overlap(streams)
     frame = mapping.poses.frame if mapping.poses is not None else None
     return ImportedData(
@@ -105,6 +113,29 @@ def _read_throttle(mapping: ImportMap, read: ReadStream) -> Stream:
     if m.gate:
         values = np.where(stream.values[:, 1:] != 0.0, values, 0.0)
     return Stream(stream.t, values)
+
+
+def _has_table(tables: Sequence[Table], pattern: str | None, changes: list[str]) -> bool:
+    """Return whether a table has the voltage, which not every car of a shipped map logs."""
+    if pattern is None or any(fnmatchcase(table.name, pattern) for table in tables):
+        return True
+    changes.append(f"battery: there is no table {pattern!r}, so the recording has no voltage")
+    return False
+
+
+def _check_voltage(values: FloatArray) -> None:
+    """Raise RecordingError for the voltage of no battery of a small car."""
+    middle = float(np.median(values))
+    low, high = MOTOR_VOLTAGE_RANGE
+    if not low <= middle <= high:
+        milli = low <= 1e-3 * middle <= high
+        raise RecordingError(
+            "[battery] is no voltage of a small car", found=f"median {middle:.4g} V",
+            expected=f"{low:g} to {high:g} V", likely="a voltage in mV" if milli
+            else "the voltage behind a divider, a charge in per cent, or another quantity",
+            remedy='state unit = "mV" of voltage in [battery]' if milli
+            else "state its scale, or name another column; without the table [battery] the log is "
+            "imported without a voltage")
 
 
 def _check_angles(angles: FloatArray, full_scale: float) -> None:
@@ -183,7 +214,8 @@ def _read_stream(table: Table, mapping: ImportMap, name: str, stream: StreamColu
         rows[good, 2] = np.unwrap(yaw[good])
     good = np.isfinite(t) & np.isfinite(rows).all(axis=1)
     bad = int((~good).sum())
-    if bad > MAX_BAD_SHARE * len(t):
+    # A log may fill the column of a slow sensor in some rows only; the voltage is one.
+    if bad > MAX_BAD_SHARE * len(t) and name != "battery":
         cells = {column_of(time).column: int((~np.isfinite(t)).sum())} | {
             column_of(c).column: int((~np.isfinite(values)).sum())
             for c, values in zip(columns.values(), rows.T, strict=True)}
@@ -215,10 +247,11 @@ def _order(t: FloatArray, rows: FloatArray, name: str, table: Table, changes: li
     fresh = np.concatenate([[True], np.diff(t) > 0.0])[:len(t)]
     if not fresh.all():
         changes.append(f"{name}: {int((~fresh).sum())} rows with the time of the row before")
-    if int(fresh.sum()) < MIN_ROWS:
+    least = MIN_BATTERY_ROWS if name == "battery" else MIN_ROWS
+    if int(fresh.sum()) < least:
         raise RecordingError(f"[{name}]: too few rows", found=f"{int(fresh.sum())} rows with a "
                              f"time of their own in {table.name}", read=table.source[0],
-                             expected=f"at least {MIN_ROWS}", likely="a map for another file, or a "
+                             expected=f"at least {least}", likely="a map for another file, or a "
                              "time column that does not advance",
                              remedy=f"check time and changes of [{name}] in the map")
     made = Stream(t[fresh], rows[fresh])
@@ -227,8 +260,8 @@ def _order(t: FloatArray, rows: FloatArray, name: str, table: Table, changes: li
 
 
 def _check_time_unit(period: float, name: str, table: Table) -> None:
-    """Refuse rows at a rate that no log has. Commands may be rare: they are held."""
-    if period < MIN_PERIOD or (period > MAX_PERIOD and name not in ("steering", "throttle")):
+    """Refuse rows at a rate that no log has; see HELD_STREAMS."""
+    if period < MIN_PERIOD or (period > MAX_PERIOD and name not in HELD_STREAMS):
         unit = next((unit for unit in ("ms", "us", "ns")
                      if MIN_PERIOD <= UNITS[unit] * period <= MAX_PERIOD), "s")
         raise RecordingError(

@@ -18,12 +18,13 @@ from itertools import permutations
 import msgspec
 import numpy as np
 
+from dart_hal.core.config.model import MOTOR_VOLTAGE_RANGE
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
 
 from .checks import GRID_STEP, Change, check_data
 from .convert import COMMAND_TOLERANCE, convert_tables
-from .maps import MAP_SCHEMA, UNITS, Column, ImportMap, column_of
+from .maps import MAP_SCHEMA, MAP_STREAMS, UNITS, Column, ImportMap, column_of
 from .tables import Table, quote_names
 
 # Changes of the map by the checks; each stream has a few.
@@ -56,9 +57,13 @@ NAME_RULES: dict[str, tuple[str, ...]] = {
     "accel_x": (r"linear_acceleration\.x|ac(c|l|cel)[a-z]*[ _]?x",),
     "accel_y": (r"linear_acceleration\.y|ac(c|l|cel)[a-z]*[ _]?y",),
     "gate": (r"safety|enable|deadman|gate",),
+    "voltage": (r"voltage_input$|(^|[^a-z])v_?in$",
+                r"(batt|bat|pack|lipo)[a-z]*.*(volt|[ _.]v" + END + r")|vbat", r"volt"),
 }
 # A position is none of these, and a measured quantity is no command.
 NOT_A_POSITION = re.compile(r"acc|acl|vel|speed|gyr|omega|vx|covariance|angular|imu")
+# Voltages of something else than the whole battery.
+NOT_OF_THE_PACK = re.compile(r"cell|motor|servo|logic|percent|5v|3v3|charge")
 COMMAND = re.compile(r"cmd|command|drive\.|ref|target|user/|pilot/")
 UNIT_IN_NAME = re.compile(r"[\[(_ ](m/s2|m/s|rad/s|deg/s|rad|deg|km/h|mm|cm|ms|us|ns|rpm|%|s|m|g)"
                           r"[\])]?$")
@@ -123,6 +128,7 @@ def guess_map(tables: Sequence[Table]) -> GuessedMap:
             f"no column looks like {' or '.join(missing) or 'a measurement'}", found=found,
             expected="commands of steering and throttle, and poses or an encoder",
             remedy="write the map by hand; docs/how_to/own_recordings.md has every key")
+    _add_battery(proposal, tables)
     _apply_checks(proposal, tables)
     made = proposal.build()
     return GuessedMap(made, format_map(made, proposal.evidence, proposal.questions),
@@ -311,6 +317,20 @@ def _add_sensors(proposal: Proposal, tables: Sequence[Table]) -> None:
                 _search_sensor(proposal, stream, first[0], used)
 
 
+def _add_battery(proposal: Proposal, tables: Sequence[Table]) -> None:
+    """Find the voltage of the battery by name, and its unit by its size."""
+    low, high = MOTOR_VOLTAGE_RANGE
+    for table, name in _candidates(tables, "voltage"):
+        if NOT_OF_THE_PACK.search(name.lower()):
+            continue
+        middle = float(np.nanmedian(table.columns[name]))
+        unit = next((u for u in ("V", "mV") if low <= UNITS[u] * middle <= high), None)
+        if unit is not None and _with_time(proposal, "battery", table,
+                                           {"voltage": Column(column=name, unit=unit)},
+                                           f"by its name; its median is {middle:.4g} {unit}"):
+            return
+
+
 def _set_changes(proposal: Proposal, stream: str, table: Table, name: str) -> None:
     """Recognise values that a log repeats until the next message, by a second time column."""
     time = proposal.settings[stream]["time"]
@@ -401,7 +421,7 @@ def format_map(mapping: ImportMap, evidence: Sequence[str] = (), questions: Sequ
     lines += [f"# TO ANSWER: {line}" for line in questions]
     lines += [f'schema = "{mapping.schema}"', f'name = "{mapping.name}"']
     lines += [] if mapping.time is None else [f"time = {_format_value(mapping.time)}"]
-    for name in ("poses", "steering", "throttle", "encoder", "gyro", "accelerometer"):
+    for name in MAP_STREAMS:
         stream = getattr(mapping, name)
         if stream is None:
             continue

@@ -23,6 +23,7 @@ UNITS = {
     "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6,
     "rad/s": 1.0, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977,
     "m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3,
+    "V": 1.0, "mV": 1e-3,
 }
 
 
@@ -117,6 +118,12 @@ class AccelerometerColumns(StreamColumns, frozen=True, kw_only=True):
     y: str | Column
 
 
+class BatteryColumns(StreamColumns, frozen=True, kw_only=True):
+    """Voltage of the battery. Logs without the table are imported without it."""
+
+    voltage: str | Column
+
+
 class ImportMap(FileTable, frozen=True, kw_only=True):
     """A map of a log. table and time are those of every stream that states none."""
 
@@ -130,6 +137,11 @@ class ImportMap(FileTable, frozen=True, kw_only=True):
     encoder: EncoderColumns | None = None
     gyro: GyroColumns | None = None
     accelerometer: AccelerometerColumns | None = None
+    battery: BatteryColumns | None = None
+
+
+# Tables of a map, in the order in which they are written.
+MAP_STREAMS = ("poses", "steering", "throttle", "encoder", "gyro", "accelerometer", "battery")
 
 
 def list_shipped_maps() -> dict[str, str]:
@@ -160,7 +172,7 @@ def load_map(source: str) -> tuple[ImportMap, str]:
 def parse_map(text: str, origin: str) -> ImportMap:
     """Return the map of a text. Raises ConfigError, which names ``origin`` and the key."""
     made = parse(text, ImportMap, origin)
-    for name in ("poses", "steering", "throttle", "encoder", "gyro", "accelerometer"):
+    for name in MAP_STREAMS:
         stream = getattr(made, name)
         for key in () if stream is None else stream.__struct_fields__:
             column = getattr(stream, key)

@@ -15,6 +15,8 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale, find_scale
 
+# s without a reading of the battery up to which its voltage counts as measured: eight readings.
+MAX_BATTERY_GAP = 2.0
 RUN = "run"  # schema of a run of our own, read as a recording
 
 
@@ -175,6 +177,22 @@ class BatteryVoltage:
     def interpolate(self, t: FloatArray) -> FloatArray:
         """Return the voltage [V] at t (n,) s; it is constant before and after the readings."""
         return np.asarray(np.interp(t, self.t, self.voltage))
+
+
+def select_voltage(t: FloatArray, voltage: FloatArray, first: float, last: float
+                   ) -> BatteryVoltage | None:
+    """Return readings (m,) [V] at t (m,) s; None if ``first`` to ``last`` s has a longer gap.
+
+    The gap is ``MAX_BATTERY_GAP``. A reading that is not above 0 is none.
+    """
+    valid = np.isfinite(voltage) & (voltage > 0.0)
+    t = t[valid]
+    voltage = voltage[valid]
+    within = t[(t >= first) & (t <= last)]
+    gaps = np.diff(np.concatenate([[first], within, [last]]))
+    if not len(t) or gaps.max() > MAX_BATTERY_GAP:
+        return None
+    return BatteryVoltage(freeze(t), freeze(voltage))
 
 
 @dataclass(frozen=True, slots=True)
