@@ -37,6 +37,7 @@ from dart_lab.diagnosis.result import Claim, Constancy, QuantityChange
 from dart_lab.diagnosis.run import select_free_sizes
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
+from tests.diagnosis.scaled_drive import CAR_SIZES
 
 CLAIM_SECONDS = 60.0
 
@@ -251,7 +252,7 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_decide():
     certain = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
     assert _pair_groups(certain) == []
     late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
-    before, later = (list_quantities("command timing")["steering later than throttle"][1](p)
+    before, later = (list_quantities("command timing", PAPER)["steering later than throttle"][1](p)
                      for p in (PAPER, late))
     assert later == pytest.approx(before - 50.0)
 
@@ -305,3 +306,13 @@ def test_the_interval_of_a_cost_knows_how_few_its_stretches_are():
         narrow += np.quantile(drawn, 0.05) <= np.sqrt(1.3) <= np.quantile(drawn, 0.95)
     assert inside / 2000 == pytest.approx(0.9, abs=0.03)
     assert narrow / 2000 < 0.8
+
+
+@pytest.mark.parametrize(("size", "speed"), [("1:43", 0.5), ("1:10", 1.0), ("1:1", 4.0)])
+def test_quantities_are_stated_at_speeds_that_a_car_of_that_size_drives(size, speed):
+    car = CAR_SIZES[size].scale(PAPER)
+    unit, resistance = list_quantities("friction", car)[f"resistance at {speed:g} m/s"]
+    assert unit == "N"
+    assert resistance(car) == pytest.approx(-float(make_friction(car.friction)(speed)))
+    assert f"pull at throttle 0.25, {2 * speed:g} m/s" in list_quantities("motor", car)
+    assert f"throttle that holds {speed:g} m/s" in list_quantities("drive force", car)

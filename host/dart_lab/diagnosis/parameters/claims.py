@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -20,7 +20,7 @@ from ..policy import ClaimPolicy
 from ..result import Claim, Cost, QuantityChange
 from ..search.fit import Point
 from .cost import group_cost
-from .groups import GROUPS, MERGED, Quantity
+from .groups import GROUPS, MERGED, Quantities, list_quantities
 from .sets import GroupFits, GroupSet, Posterior, posterior
 from .unseen import RecordingLosses
 
@@ -129,8 +129,8 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
     policy = groups.policy
     names = tuple(n for g in sorted(part) for n in groups.names(g))
     known = [GROUPS[g] for g in sorted(part)]
-    group, title, quantities = MERGED.get(part) or (
-        next(iter(part)), known[0].title, known[0].quantities)
+    group, title = MERGED[part][:2] if part in MERGED else (next(iter(part)), known[0].title)
+    quantities = list_quantities(group, groups.base)
     confounders = () if len(part) > 1 else tuple(
         g for g, p in found.probability_without(next(iter(part))).items()
         if p > MIN_CONFOUNDER_PROBABILITY)
@@ -143,7 +143,7 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
 
 
 def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
-                     quantities: Mapping[str, tuple[str, Quantity]]) -> dict[str, QuantityChange]:
+                     quantities: Quantities) -> dict[str, QuantityChange]:
     """Return old and new value of each quantity, and the standard error of the new one.
 
     The stated errors of these parameters are contradicted, but draw the fit towards the stated

@@ -148,7 +148,7 @@ class ParameterInformation:
         """Gradient (k,) of each quantity of a claim with respect to the coordinates."""
         base = self._space.point(LOG_TIMING)
         out = {}
-        for name, (_, quantity) in list_quantities(claim.group).items():
+        for name, (_, quantity) in list_quantities(claim.group, self._car).items():
             gradient = np.zeros(len(self._space))
             for i in range(len(self._space.names)):
                 step = np.zeros(len(gradient))
