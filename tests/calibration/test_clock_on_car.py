@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from fit_graphs import distance_from_fit
 
@@ -95,6 +96,20 @@ def test_typed_frequency_becomes_the_oscillator(tmp_path):
             typed_clock(car.files, 60.0, 0.01)
     with Car.open(f"{URL}0", cars=tmp_path) as car:
         assert car.files.oscillator_hz.std == pytest.approx(0.005 * 122 * 4096, rel=0.01)
+
+
+def test_picture_of_a_typed_frequency_shows_the_error_of_the_pulses_that_it_removes(tmp_path):
+    with Car.open(f"{URL}0", cars=tmp_path) as car:
+        found = typed_clock(car.files, 1.02 * 25e6 / (122 * 4096), 0.005)
+    before = car.files.oscillator_hz.value
+    assert before == pytest.approx(25e6, rel=1e-3)
+    graph = found.graph
+    # A chip that is 2 % faster than known makes pulses that are 2 % shorter.
+    assert graph.y == pytest.approx(graph.x * (before / (1.02 * 25e6) - 1.0))
+    assert np.interp(1500.0, graph.x, graph.y) == pytest.approx(-29.4, abs=0.5)
+    assert "29.4 us too short" in graph.title
+    assert not graph.fit_y.any()
+    assert graph.half == pytest.approx(1.645 * graph.x * 0.005 / 51.03, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -77,7 +77,9 @@ def test_page_of_a_calibration_is_written_even_if_the_values_are_not(verb, tmp_p
                 MOCK_URL, "--cars", tmp_path, "--html", "clock.html")
     assert done.code == 0, done.err
     assert "report: clock.html" in done.err
-    assert "pwm." in (tmp_path / "clock.html").read_text(encoding="utf-8")
+    first, rest = (tmp_path / "clock.html").read_text(encoding="utf-8").split("<nav")
+    assert "So far a pulse of 1500 us was" in first
+    assert "pwm." in rest
 
 
 def test_missing_laboratory_is_reported_before_the_car_moves(verb, monkeypatch):

@@ -38,6 +38,8 @@ HOST_CRYSTAL_STD = 5e-5
 RISE_STD = 1e-6
 # Relative, one sigma of an oscillator that was never measured: chips are at 24 to 27 MHz.
 UNMEASURED_CLOCK_STD = 0.04
+# us, of the picture of a typed frequency: the pulses of servo and ESC.
+PULSE_WIDTHS_US = np.arange(1000.0, 2001.0, 100.0)
 # Relative change that outdates a steering map: 1.5 us of 1500, a third of the PCA9685's count.
 MAX_CLOCK_CHANGE = 1e-3
 
@@ -115,8 +117,30 @@ def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "")
     """
     counts = COUNTS_PER_FRAME * (counter_of(files)[0] + 1)
     found = Quantity(frequency * counts, std * counts, f"{frequency:.4f} Hz measured, typed")
-    return _make_result(files, source, found,
-                        f"as typed: {frequency:.4f} +- {std:.2g} Hz of PWM", 0.0)
+    result = _make_result(files, source, found,
+                          f"as typed: {frequency:.4f} +- {std:.2g} Hz of PWM", 0.0)
+    return replace(result, graph=_graph_pulses(found, _previous_clock(files)))
+
+
+def _graph_pulses(hertz: Quantity, previous: float) -> FitGraph:
+    """Return the error of pulses by the previous clock [Hz], and by the new one with its interval.
+
+    The PCA9685 counts w previous / 1e6 periods for a pulse of w us. They last w previous / hertz.
+    """
+    error = PULSE_WIDTHS_US * (previous / hertz.value - 1.0)
+    middle = float(np.interp(1500.0, PULSE_WIDTHS_US, error))
+    return FitGraph(
+        f"So far a pulse of 1500 us was {abs(middle):.1f} us too "
+        f"{'short' if middle < 0.0 else 'long'}", "requested pulse [us]", "error of the pulse [us]",
+        PULSE_WIDTHS_US, error, PULSE_WIDTHS_US, 0.0 * PULSE_WIDTHS_US,
+        INTERVAL_90 * PULSE_WIDTHS_US * hertz.std / hertz.value,
+        points_name=f"so far, with {previous / 1e6:.2f} MHz",
+        curve_name=f"with {hertz.value / 1e6:.2f} MHz, 90 % interval")
+
+
+def _previous_clock(files: CarFiles) -> float:
+    """Return the oscillator [Hz] by which pulses are made so far."""
+    return files.oscillator_hz.value if files.oscillator_hz else NOMINAL_HZ
 
 
 def _read_period(answers: list[dict[str, Any]]) -> float:
@@ -153,7 +177,7 @@ def _make_result(files: CarFiles, source: str, hertz: Quantity, residual: str, d
             expected=f"at most {MAX_CLOCK_STD:.1%}: 7.5 us of a pulse of 1500 us",
             remedy="measure more periods with an instrument that has a crystal; --std is its error "
                    "in Hz")
-    before = files.oscillator_hz.value if files.oscillator_hz else NOMINAL_HZ
+    before = _previous_clock(files)
     notes = (f"a pulse of 1500 us by the nominal clock lasts "
              f"{1500.0 * NOMINAL_HZ / hertz.value:.1f} us",
              *map_outdated(files, abs(hertz.value / before - 1.0) > MAX_CLOCK_CHANGE,

@@ -124,7 +124,8 @@ class Measured:
                 rows.append((name, other.replace("_", " "), "", ""))
         return Summary(f"{self.verb} of {self.car}",
                        ("quantity", "value", "one sigma", "90 % interval"), tuple(rows),
-                       (f"{self.residual}, {self.duration:.0f} s of the car's time",
+                       (self.residual + (f", {self.duration:.0f} s of the car's time"
+                                         if self.duration else ""),
                         *indent(self.notes)))
 
     def put_into(self, calibration: Calibration) -> Calibration:
