@@ -71,6 +71,37 @@ def test_delay_from_pulse_to_wheel_is_found_on_a_lifted_car(tmp_path, query):
     assert abs(delays[1].value - delays[0].value - added) < 4.0
 
 
+@pytest.fixture(scope="module")
+def firmware_outcomes():
+    """All steps on the firmware in the emulator: 190 s of the car's time."""
+    return run_steps(f"sim://?nano=avr&seed={ACCEPTED_SEED}", STEP_NAMES)
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+def test_every_step_passes_with_the_firmware(firmware_outcomes):
+    assert {o.step.name: o.status for o in firmware_outcomes} == dict.fromkeys(STEP_NAMES,
+                                                                               "measured")
+    found = {f.key: f.value for o in firmware_outcomes for f in o.findings}
+    assert found["lost_frames"] == 0
+    assert (found["capture_wire"], found["arming"]) == ("yes", "arms")
+    assert found["cutoff_test"] == "not fitted"
+
+
+@pytest.mark.slow
+@pytest.mark.emulator
+def test_values_of_the_firmware_are_those_of_the_hidden_car(firmware_outcomes):
+    truth = reveal(ACCEPTED_SEED)["sensors"]
+    found = {f.key: f for o in firmware_outcomes for f in o.findings}
+    keys = [key for key in truth if key in found and not key.startswith("latency.")]
+    assert len(keys) == 10
+    for key in keys:
+        assert abs(found[key].value - truth[key]) < 3.5 * found[key].std, key
+    for key in ("latency.command_to_pulse", "latency.sensor_to_host", "latency.pulse_to_wheel"):
+        assert abs(found[key].value - 1e3 * truth[key]) < 3.5 * found[key].std, key
+    assert abs(found["edges_per_turn"].value - 20 * 39 / 11) < 3.5 * found["edges_per_turn"].std
+
+
 @pytest.mark.slow
 def test_faults_are_noticed_and_sound_cars_are_not_called_broken():
     faults = {fault.title: fault for fault in FAULTS}
