@@ -22,6 +22,7 @@ from dart_lab.report.numbers import describe_change
 from .alternatives import include_alternatives, include_sizes, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
+from .evidence.policy import MANY_RECORDINGS
 from .evidence.space import MessageTiming
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
@@ -35,7 +36,6 @@ from .noise_floor import estimate_noise_floor
 from .parameters.claims import ClaimInputs, find_claims
 from .parameters.sets import GroupFits
 from .parameters.unseen import RecordingLosses
-from .policy import MANY_RECORDINGS
 from .predictor import find_predictor
 from .question import DiagnosisSetup
 from .report.words import removes

@@ -23,13 +23,14 @@ from dart_lab.identification.shooting.fit import FREE, free_names
 
 from .conclude import conclude
 from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare_drive
+from .evidence.policy import EvidencePolicy
 from .evidence.residuals import Evidence
 from .frames import find_frame_errors, free_frame
 from .gains import RecordingSet, make_recording_set
 from .pace import ProgressEstimator
 from .parameters.unseen import RecordingLosses
 from .paths import find_paths
-from .policy import USUAL, EvidencePolicy, Policy
+from .policy import USUAL, Policy
 from .predictor import check_recordings
 from .question import DiagnosisSetup
 from .result import Diagnosis

@@ -32,7 +32,7 @@ from dart_lab.identification.prediction.rollout import states
 from dart_lab.identification.prediction.sensors import marker_pose
 from dart_lab.identification.prediction.windows import find_windows
 
-from ..policy import USUAL, EvidencePolicy
+from .policy import USUAL_EVIDENCE, EvidencePolicy
 from .standing import add_dither, driving_noise_scale, find_rest_messages
 
 DERIVATIVE_POINTS = 7  # samples of a derivative; 30 ms to each side
@@ -100,7 +100,7 @@ class RecordedDrive:
 
 
 def prepare_drive(recording: Recording, l_r: float, reference: Reference | None = None,
-                  spacing: int = START_SPACING, policy: EvidencePolicy = USUAL.evidence
+                  spacing: int = START_SPACING, policy: EvidencePolicy = USUAL_EVIDENCE
                   ) -> RecordedDrive:
     """Prepare a recording; spacing: samples from start to start.
 

@@ -22,7 +22,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.fitting.robust import scatter, soft_l1, soft_l1_weight
 
-from ..policy import CLIP, MIN_READINGS, USUAL, NoisePolicy
+from .policy import CLIP, MIN_READINGS, USUAL_NOISE, NoisePolicy
 from .residuals import Residuals
 from .space import MAX_COMMAND_AGE
 
@@ -56,7 +56,7 @@ class Noise:
     sensors: FloatArray
     weight: FloatArray
     age_scale: FloatArray | float = 1.0
-    policy: NoisePolicy = USUAL.noise
+    policy: NoisePolicy = USUAL_NOISE
 
     def whiten(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
         """Return residuals in standard deviations, (n, c) and (m, 4), clipped at the largest."""
@@ -110,7 +110,7 @@ class Noise:
 
 def estimate_noise(r: Residuals, blocks: tuple[IntArray, IntArray],
                    overlap: float = 2.0, sensitivity: FloatArray | None = None,
-                   policy: NoisePolicy = USUAL.noise, age_std: float | None = None) -> Noise:
+                   policy: NoisePolicy = USUAL_NOISE, age_std: float | None = None) -> Noise:
     """Estimate the noise from the residuals of a model.
 
     blocks: labels of windows (n,) and messages (m,). overlap: number of windows that predict each

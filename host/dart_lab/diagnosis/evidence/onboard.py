@@ -16,7 +16,6 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..policy import MIN_READINGS
 from .onboard_drive import (
     ACCEL_READ_OUTS,
     ENCODER_MEAN_S,
@@ -35,6 +34,7 @@ from .onboard_windows import (
     throttle_output,
     window_times,
 )
+from .policy import MIN_READINGS
 from .readings import SENSORS, rest_motion, rest_residuals
 from .residuals import (
     Evidence,

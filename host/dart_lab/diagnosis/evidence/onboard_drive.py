@@ -21,8 +21,8 @@ from dart_hal.recording.dart.spans import span_index
 from dart_lab.identification.prediction.commands import message_time, zero_order_hold
 from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED
 
-from ..policy import USUAL, EvidencePolicy
 from .drive import RecordedDrive, stack_readings
+from .policy import USUAL_EVIDENCE, EvidencePolicy
 from .standing import add_dither, driving_noise_scale, find_rest_messages
 
 NO_MOCAP_FRAME = Reference(0.0, 0.0, 0.0, "no motion capture")
@@ -58,7 +58,7 @@ class OnboardStretch(RecordedDrive):
     mean_s: float
 
 
-def prepare_stretches(recording: Recording, policy: EvidencePolicy = USUAL.evidence
+def prepare_stretches(recording: Recording, policy: EvidencePolicy = USUAL_EVIDENCE
                       ) -> list[OnboardStretch]:
     """Prepare the stretches of a recording that have windows or messages at rest, in order."""
     commands = recording.messages

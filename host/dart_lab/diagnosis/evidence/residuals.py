@@ -44,8 +44,8 @@ from dart_lab.identification.prediction.commands import spread_over
 from dart_lab.identification.prediction.rollout import Parts, measured_states
 from dart_lab.identification.prediction.substeps import SUBSTEPS, quarters, rollout_substeps
 
-from ..policy import BLOCK_S
 from .drive import DERIVATIVE_POINTS, HALF_POINTS, READ_OUTS, RecordedDrive
+from .policy import BLOCK_S
 from .readings import (
     SENSORS,
     add_wheel_force,

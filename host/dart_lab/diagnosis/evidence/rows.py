@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.core.types import IntArray
 
-from ..policy import BLOCK_S, MANY_RECORDINGS
+from .policy import BLOCK_S, MANY_RECORDINGS
 from .readings import SENSORS
 from .residuals import Evidence, Residuals
 

@@ -25,7 +25,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.shooting.coordinates import Coordinates
 
-from ..policy import USUAL, PriorPolicy
+from .policy import USUAL_PRIOR, PriorPolicy
 
 # Relative to mocap, even the fastest message waits for its line and for the next row, up to 10 ms.
 MESSAGE_AGE = 0.007  # s; expected age of a message at its stamp, with motion capture
@@ -83,7 +83,7 @@ class Space:
 
     def __init__(self, p: Vehicle, free: Sequence[str],
                  known: Mapping[str, float] = NO_STANDARD_ERRORS, message_age: float = MESSAGE_AGE,
-                 policy: PriorPolicy = USUAL.prior, loose: Collection[str] = (),
+                 policy: PriorPolicy = USUAL_PRIOR, loose: Collection[str] = (),
                  fixed_effects: Collection[str] = ()) -> None:
         """Set coordinates and bounds.
 

@@ -12,7 +12,7 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Messages
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 
-from ..policy import MIN_READINGS, EvidencePolicy
+from .policy import MIN_READINGS, EvidencePolicy
 
 GOLDEN_RATIO = 0.5 * (np.sqrt(5.0) - 1.0)
 MIN_RESOLUTION = 1e-5  # a smaller difference between readings is rounding of floats

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..policy import MANY_RECORDINGS, GradePolicy
+from ..evidence.policy import MANY_RECORDINGS
+from ..policy import GradePolicy
 from ..result import Constancy
 from ..search.significance import p_value
 from .secants import Secants, size_functions

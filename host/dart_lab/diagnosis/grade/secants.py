@@ -15,9 +15,10 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import remove_effects
 
+from ..evidence.policy import BLOCK_S, MANY_RECORDINGS
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, repeat_labels
-from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL
+from ..policy import TAIL
 from ..search.fit import Point
 from ..search.selection import label_point_rows
 from ..unexplained.bases import basis_functions

@@ -11,9 +11,10 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
+from ..evidence.policy import PriorPolicy
 from ..evidence.residuals import Residuals
 from ..evidence.space import MessageTiming, Space
-from ..policy import USUAL, PriorPolicy
+from ..policy import USUAL
 from ..search.fit import Point, evaluate_point
 
 

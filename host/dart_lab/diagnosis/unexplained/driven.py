@@ -12,8 +12,9 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
+from ..evidence.policy import CLIP
 from ..evidence.residuals import Evidence, Residuals
-from ..policy import CLIP, TAIL
+from ..policy import TAIL
 from .bases import basis_functions
 from .crossfit import FOLDS, MIN_SIGN_BLOCKS, predict_held_out
 from .features import exogenous, window_features

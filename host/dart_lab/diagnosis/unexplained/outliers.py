@@ -26,9 +26,9 @@ from ..error_summaries import ErrorMoment, Outliers
 from ..evidence.ages import age_sensitivity
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
+from ..evidence.policy import NoisePolicy
 from ..evidence.residuals import MOTION, Evidence
 from ..evidence.space import MAX_COMMAND_AGE, MessageTiming
-from ..policy import NoisePolicy
 
 # Of 48 simulated minutes of six kinds of driving without a cause, one is above one of these limits;
 # the largest of the others are 1.31, 1.85 and 1.55. Of 24 fresh ones another is above.

@@ -22,9 +22,10 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import Noise, replace_diverged
 from ..evidence.onboard import OnboardEvidence
+from ..evidence.policy import BLOCK_S, CLIP
 from ..evidence.readings import SENSORS
 from ..evidence.residuals import MOTION, Evidence, Residuals
-from ..policy import BLOCK_S, CLIP, TAIL, USUAL, UnexplainedPolicy
+from ..policy import TAIL, USUAL, UnexplainedPolicy
 from ..result import Unexplained
 from .bases import basis_functions, list_variable_sets
 from .crossfit import (
