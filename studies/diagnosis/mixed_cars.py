@@ -28,7 +28,7 @@ from dart_hal.recording.dart.response import (
 )
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.diagnosis.evidence.split import hold_out
+from dart_lab.diagnosis.split import hold_out
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.other_car import DATA

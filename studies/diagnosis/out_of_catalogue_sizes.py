@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import Point, refit
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import Point, refit
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.out_of_catalogue import FAR
 from studies.diagnosis.stranger import Car

@@ -11,8 +11,6 @@ import numpy as np
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.gains import RecordingSet
 from dart_lab.diagnosis.paths import find_paths
 from dart_lab.diagnosis.result import (
@@ -28,6 +26,8 @@ from dart_lab.diagnosis.result import (
 )
 from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.evaluation import prepare as prepare_cases
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.residuals import Evidence
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.onboard_drive import prepare_stretches
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 

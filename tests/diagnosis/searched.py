@@ -9,13 +9,13 @@ from tempfile import mkdtemp
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import refit
 from dart_lab.identification.shooting.fit import FREE, free_names
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger import Car

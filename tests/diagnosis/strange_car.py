@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import MessageTiming
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 

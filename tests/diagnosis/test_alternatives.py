@@ -14,12 +14,12 @@ from dart_lab.diagnosis.alternatives import (
     include_alternatives,
     list_exchanges,
 )
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.final_fit import FinalFit
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
+from dart_lab.identification.evidence.space import MessageTiming
+from dart_lab.identification.objective import covariance
 from tests.diagnosis.searched import drive, evidence
 
 FREE_PARAMETERS = ("tyres.front_D", "tyres.rear_cornering_stiffness")

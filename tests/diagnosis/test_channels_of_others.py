@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
-from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
+from dart_lab.identification.evidence.onboard_drive import prepare_stretches
 from studies.diagnosis import any_car
 
 OTHER_CHANNELS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9",

@@ -19,10 +19,6 @@ from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.sizes import SIZES, set_sizes
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.conclude import _verdict
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Evidence, Residuals
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.parameters.claims import _pair_groups, _raises_errors
 from dart_lab.diagnosis.parameters.cost import group_cost, loss_ratio
@@ -35,6 +31,10 @@ from dart_lab.diagnosis.report.explain import describe_claim
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.result import Claim, Constancy, QuantityChange
 from dart_lab.diagnosis.run import select_free_sizes
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
+from dart_lab.identification.evidence.space import MessageTiming
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 from tests.diagnosis.scaled_drive import CAR_SIZES

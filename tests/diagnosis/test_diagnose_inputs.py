@@ -13,12 +13,12 @@ from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageEr
 from dart_hal.recording.dart import BatteryVoltage
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.evidence.split import GUARD_S
+from dart_lab.diagnosis.agreement import check_model, check_units, ratio, slope
 from dart_lab.diagnosis.inputs import check_inputs, select_effects, warn_fitted_before
+from dart_lab.diagnosis.motion import driving_seconds
+from dart_lab.diagnosis.split import GUARD_S
 from dart_lab.identification.evaluation import evaluate
+from dart_lab.identification.evidence.drive import prepare_drive
 from studies.diagnosis.known_frame import read
 from tests.common import EXCERPT
 from tests.diagnosis import made_by_hand as made

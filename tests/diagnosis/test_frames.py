@@ -12,9 +12,9 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.space import Space
 from dart_lab.diagnosis.frames import describe_frame, find_frame_errors, free_frame
 from dart_lab.diagnosis.write import extended_model
+from dart_lab.identification.evidence.space import Space
 from tests.diagnosis.searched import drive
 
 FRAME_STD = (0.0020, 0.0020, 0.0020)

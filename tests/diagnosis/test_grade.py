@@ -12,17 +12,17 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.grade import accept
 from dart_lab.diagnosis.grade.accept import accept_effects, impossible_size
 from dart_lab.diagnosis.grade.bag import BootstrapProblem, estimate_sizes_by_recording, probability
 from dart_lab.diagnosis.grade.constancy import assess_constancy
 from dart_lab.diagnosis.grade.secants import secants
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.search.fit import refit
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import refit
 from dart_lab.report.numbers import describe_change
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dart_hal.recording.dart.spans import span_index
-from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
-from dart_lab.diagnosis.evidence.split import GUARD_S, MIN_STRETCH_S, hold_out, split
+from dart_lab.diagnosis.motion import driving_seconds
+from dart_lab.diagnosis.split import GUARD_S, MIN_STRETCH_S, hold_out, split
+from dart_lab.identification.evidence.onboard_drive import prepare_stretches
 from tests.diagnosis.onboard_files import make_recording, record_onboard
 
 RECORDING_SECONDS = 120.0

@@ -14,7 +14,6 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis import conclude as conclusion
 from dart_lab.diagnosis.error_summaries import ErrorMoment, LateCommands
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.late_commands import MIN_GAIN, compare_ages, find_late_commands
 from dart_lab.diagnosis.report import page
@@ -22,6 +21,7 @@ from dart_lab.diagnosis.report.summary import headline
 from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.shooting.fit import FREE, free_names
 from dart_lab.pages.diagnose_table import show_full
 from studies.diagnosis.events import add_gusts, lose_commands

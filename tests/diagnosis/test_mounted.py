@@ -12,15 +12,20 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.space import MESSAGE_AGE, MESSAGE_AGE_REACH, MessageTiming, Space
 from dart_lab.diagnosis.mounted import describe_imu_mounting, fit_mounting
 from dart_lab.diagnosis.result import ParameterEstimate
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.write import extended_model
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.space import (
+    MESSAGE_AGE,
+    MESSAGE_AGE_REACH,
+    MessageTiming,
+    Space,
+)
+from dart_lab.identification.objective import refit
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 from tests.diagnosis import made_by_hand as made

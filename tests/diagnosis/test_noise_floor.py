@@ -11,7 +11,6 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis import conclude as conclusion
 from dart_lab.diagnosis.error_summaries import Excess, find_excesses
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.noise_floor import (
     estimate_noise_floor,
     floor_of_errors,
@@ -20,6 +19,7 @@ from dart_lab.diagnosis.noise_floor import (
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.identification.evaluation.prediction import CHANNELS
+from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.pages.diagnose_table import show_full
 from studies.diagnosis.events import add_gusts
 from tests.diagnosis import made_by_hand as made

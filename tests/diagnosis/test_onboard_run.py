@@ -12,13 +12,13 @@ from dart_hal.core.config.model import parse_model
 from dart_hal.core.config.write import dump
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model, vehicle_of
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import count_windows, prepare_stretches
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
 from dart_lab.diagnosis.write import extended_model
 from dart_lab.identification.battery import find_mean_voltage
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.onboard_drive import count_windows, prepare_stretches
 from dart_lab.sim.battery import NOMINAL_VOLTAGE
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams

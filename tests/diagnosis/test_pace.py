@@ -7,8 +7,8 @@ import pytest
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.pace import ProgressEstimator
+from dart_lab.identification.evidence.residuals import Evidence
 from tests.diagnosis import searched
 
 MAX_EVALUATIONS = 60  # evaluations of a model, a second of five minutes of driving

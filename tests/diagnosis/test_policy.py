@@ -19,6 +19,7 @@ from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
 from dart_lab.diagnosis.question import DiagnosisSetup
 from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.evidence import policy as evidence_policy
 from studies.diagnosis import policy_sensitivity as sensitivity
 from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from tests.diagnosis.searched import drive, names, search
@@ -40,14 +41,14 @@ def bare(text):
 
 
 def test_every_threshold_has_a_description():
-    text = Path(module.__file__).read_text(encoding="utf-8")
-    assert bare(text) == []
+    for one in (module, evidence_policy):
+        assert bare(Path(one.__file__).read_text(encoding="utf-8")) == []
     assert bare("    close: float = 0.7\n") == ["close"]
 
 
 def test_every_threshold_is_used():
-    text = "".join(p.read_text(encoding="utf-8") for p in POLICY_FOLDER.rglob("*.py") if p != Path(
-        module.__file__))
+    text = "".join(p.read_text(encoding="utf-8") for p in POLICY_FOLDER.parent.rglob("*.py")
+                   if p.name != "policy.py")
     for group in fields(USUAL):
         for one in fields(getattr(USUAL, group.name)):
             assert re.search(rf"\.{one.name}\b", text), f"{group.name}.{one.name}"

@@ -14,19 +14,19 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.cautions import AT_BOUND, list_cautions
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.space import (
-    MAX_COMMAND_AGE,
-    MESSAGE_AGE_REACH,
-    MessageTiming,
-    Space,
-)
 from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.grade.alike import PROBES, SizesByRecording, find_groups
 from dart_lab.diagnosis.policy import USUAL, TwoCarsPolicy
 from dart_lab.diagnosis.result import ParameterChange
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import evaluate_point
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.space import (
+    MAX_COMMAND_AGE,
+    MESSAGE_AGE_REACH,
+    MessageTiming,
+    Space,
+)
+from dart_lab.identification.objective import evaluate_point
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 from tests.diagnosis.onboard_files import record_onboard

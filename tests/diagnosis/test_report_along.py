@@ -7,8 +7,6 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from dart_lab.diagnosis.report.along import (
     ResidualRows,
     _error,
@@ -19,6 +17,8 @@ from dart_lab.diagnosis.report.along import (
 from dart_lab.diagnosis.report.compared import stages_around
 from dart_lab.diagnosis.result import Stage
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.onboard_drive import prepare_stretches
 from tests.diagnosis import made_by_hand as made
 
 

@@ -13,13 +13,13 @@ from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import Diagnosis, diagnose
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.gains import make_recording_set, rollout_gains
 from dart_lab.diagnosis.result import VERDICTS
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
+from dart_lab.identification.evidence.space import MessageTiming
+from dart_lab.identification.objective import covariance
 from dart_lab.identification.shooting.fit import FREE, free_names
 
 pytestmark = pytest.mark.slow  # they share one diagnosis of 15 CPU s

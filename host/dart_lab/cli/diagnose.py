@@ -37,8 +37,8 @@ from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 from dart_lab.cli.cluster_option import cluster_option, connect_cluster
 from dart_lab.cli.evaluate import list_fitted_hashes
-from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.inputs import check_inputs, select_effects
+from dart_lab.diagnosis.motion import driving_seconds
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.measured import default_model, named_model
 
@@ -222,7 +222,7 @@ def _add_context(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str
 
 def _list_limits(d: Diagnosis) -> tuple[str, ...]:
     """List what recordings without motion capture cannot show."""
-    from dart_lab.diagnosis.evidence.onboard import OnboardEvidence, list_limits
+    from dart_lab.identification.evidence.onboard import OnboardEvidence, list_limits
 
     return (tuple(f"cannot be known from these recordings: {limit}"
                   for limit in list_limits(d.evidence))

@@ -20,11 +20,11 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.identification.evidence.residuals import Evidence, affects_readings_only
+from dart_lab.identification.objective import Point
 
-from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FinalFit
 from .policy import ScanPolicy
-from .search.fit import Point
 from .search.forward import ForwardSearch
 from .search.scan import scan
 

@@ -6,15 +6,15 @@ import math
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 
+from dart_lab.identification.evidence.space import MAX_COMMAND_AGE
+from dart_lab.identification.objective import Point
 from dart_lab.report.numbers import shorten_list
 
-from .evidence.space import MAX_COMMAND_AGE
 from .gains import RecordingSet
 from .grade.alike import RecordingGroups, estimate_sizes, find_groups, join_sizes
 from .policy import Policy
 from .report.words import channel
 from .result import Cause, ErrorReduction, ParameterChange
-from .search.fit import Point
 
 AT_BOUND = "at the edge of what is allowed"
 MIN_ERROR_RISE = 0.2  # of the error: an increase that is reported without an interval

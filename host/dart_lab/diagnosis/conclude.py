@@ -17,13 +17,14 @@ from dart_hal.core.process.jobs import each
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.policy import MANY_RECORDINGS
+from dart_lab.identification.evidence.space import MessageTiming
+from dart_lab.identification.objective import FittedModel, Point, covariance
 from dart_lab.report.numbers import describe_change
 
 from .alternatives import include_alternatives, include_sizes, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
-from .evidence.policy import MANY_RECORDINGS
-from .evidence.space import MessageTiming
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
 from .gains import Fitted, measure_gain, measure_overall_gain
@@ -53,7 +54,6 @@ from .result import (
     Unexplained,
     effect_label,
 )
-from .search.fit import FittedModel, Point, covariance
 from .search.forward import SearchResult, select_noise
 from .search.selection import AcceptedEffect, label_point_rows
 from .search.significance import refit_p_value

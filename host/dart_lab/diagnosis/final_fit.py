@@ -29,14 +29,19 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.cases import Case
 from dart_lab.identification.evaluation.prediction import HORIZON_OFFSETS
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import Noise, replace_diverged
+from dart_lab.identification.evidence.residuals import Evidence, affects_readings_only
+from dart_lab.identification.evidence.space import MessageTiming
+from dart_lab.identification.objective import (
+    MAX_FIT_ITERATIONS,
+    Point,
+    refit,
+    refit_reusing_jacobian,
+)
 
 from .error_summaries import Ratio, geometric_mean
-from .evidence.drive import READ_OUTS
-from .evidence.noise import Noise, replace_diverged
-from .evidence.residuals import Evidence, affects_readings_only
-from .evidence.space import MessageTiming
 from .gains import HORIZON_INDEX, RecordingSet, compute_case_errors
-from .search.fit import MAX_FIT_ITERATIONS, Point, refit, refit_reusing_jacobian
 from .search.forward import ForwardSearch
 
 # Windows of an average recording that are added to the mean square of each recording: that of a

@@ -33,11 +33,11 @@ from dart_lab.identification.evaluation.prediction import (
     predict_ctrv,
 )
 from dart_lab.identification.evaluation.scores import score
+from dart_lab.identification.evidence.drive import remove_mocap_effects
+from dart_lab.identification.evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
+from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.prediction.windows import HORIZONS
 
-from .evidence.drive import remove_mocap_effects
-from .evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
-from .evidence.space import MessageTiming
 from .result import ErrorReduction
 
 # s; bootstrap of residuals over laps of some seconds (predictions over 1 s: ``compare.BLOCK_TIME``)

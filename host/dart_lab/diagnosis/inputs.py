@@ -25,10 +25,10 @@ from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.prediction.windows import least_speed
 from dart_lab.report.numbers import shorten_list
 
-from .evidence.agreement import check_model, check_units, drop_dead_gyro
-from .evidence.motion import driving_seconds, has_sensors
-from .evidence.split import hold_out
+from .agreement import check_model, check_units, drop_dead_gyro
+from .motion import driving_seconds, has_sensors
 from .policy import USUAL, InputPolicy
+from .split import hold_out
 
 NOT_OBSERVED = ("position, side slip, the mocap's own errors and their consequences "
               "cannot be known")

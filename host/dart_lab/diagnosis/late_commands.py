@@ -23,12 +23,12 @@ from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Stateful
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import replace_diverged
+from dart_lab.identification.evidence.residuals import MOTION, Evidence
+from dart_lab.identification.evidence.space import MAX_COMMAND_AGE, MessageTiming
 
 from .error_summaries import LateCommands
-from .evidence.drive import READ_OUTS
-from .evidence.noise import replace_diverged
-from .evidence.residuals import MOTION, Evidence
-from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import RecordingSet
 from .noise_floor import MIN_WINDOWS
 from .parameters.unseen import AGE_TOLERANCE_S

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.identification.evidence.noise import Noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.objective import Point, covariance
 
-from .evidence.noise import Noise
-from .evidence.residuals import Evidence
 from .result import ParameterEstimate, estimate_effects
-from .search.fit import Point, covariance
 from .search.forward import ForwardSearch
 from .search.selection import label_point_rows
 

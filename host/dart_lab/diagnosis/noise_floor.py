@@ -32,12 +32,12 @@ from dart_hal.core.timing import PWM_FRAME, SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.prediction import CHANNELS, measured
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import replace_diverged
+from dart_lab.identification.evidence.residuals import MOTION, Evidence
+from dart_lab.identification.evidence.space import MAX_COMMAND_AGE, MessageTiming
 from dart_lab.identification.prediction.windows import HORIZONS
 
-from .evidence.drive import READ_OUTS
-from .evidence.noise import replace_diverged
-from .evidence.residuals import MOTION, Evidence
-from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import HORIZON_INDEX, RecordingSet, compute_case_differences
 from .parameters.unseen import AGE_TOLERANCE_S
 from .unexplained.command_ages import AGE_STEP, fit_ages, interpolate_ages

@@ -16,8 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from dart_hal.vehicle.scale import Scale
-
-from .evidence.policy import EvidencePolicy, NoisePolicy, PriorPolicy
+from dart_lab.identification.evidence.policy import EvidencePolicy, NoisePolicy, PriorPolicy
 
 # Quantile beyond which a function of the state is constant, so that few values do not determine it.
 TAIL = 0.02

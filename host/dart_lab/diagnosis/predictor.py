@@ -29,14 +29,14 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects
 from dart_hal.vehicle.flat import unit, value
 from dart_lab.identification.evaluation.cases import Case
+from dart_lab.identification.evidence.residuals import Evidence, affects_readings_only
+from dart_lab.identification.objective import Point
 
 from .error_summaries import HeldOutError
-from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import CrossValidatedFit, EqualFits
 from .gains import RecordingSet
 from .grade.accept import impossible_size
 from .result import BestPredictor, ParameterEstimate, estimate_effects
-from .search.fit import Point
 from .search.forward import effect_names
 from .search.scan import scan
 

@@ -9,6 +9,7 @@ from typing import Any
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
 
 from .error_summaries import (
     Excess,
@@ -22,7 +23,6 @@ from .error_summaries import (
     find_excesses,
     geometric_mean,
 )
-from .evidence.residuals import Evidence, Residuals
 
 # A ratio of errors, and the ends of its 90 % interval; those are NaN with too few data for one.
 Cost = tuple[float, float, float]

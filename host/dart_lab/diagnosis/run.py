@@ -19,12 +19,17 @@ from dart_hal.vehicle.scale import find_scale
 from dart_hal.vehicle.sizes import list_stated_errors
 from dart_lab.identification.battery import FADE, describe_fade_law, set_motor_voltage
 from dart_lab.identification.evaluation.cases import prepare as prepare_cases
+from dart_lab.identification.evidence.drive import (
+    READ_OUTS,
+    START_SPACING,
+    WINDOW_SPACING,
+    prepare_drive,
+)
+from dart_lab.identification.evidence.policy import EvidencePolicy
+from dart_lab.identification.evidence.residuals import Evidence
 from dart_lab.identification.shooting.fit import FREE, free_names
 
 from .conclude import conclude
-from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare_drive
-from .evidence.policy import EvidencePolicy
-from .evidence.residuals import Evidence
 from .frames import find_frame_errors, free_frame
 from .gains import RecordingSet, make_recording_set
 from .pace import ProgressEstimator
@@ -193,8 +198,8 @@ def make_evidence(recordings: Sequence[Recording], l_r: float, reference: Refere
     All recordings have motion capture, or none has.
     """
     if any(r.mocap is None for r in recordings):
-        from .evidence.onboard import OnboardEvidence
-        from .evidence.onboard_drive import prepare_stretches
+        from dart_lab.identification.evidence.onboard import OnboardEvidence
+        from dart_lab.identification.evidence.onboard_drive import prepare_stretches
 
         parts = [prepare_stretches(r, policy) for r in recordings]
         return (OnboardEvidence([o for part in parts for o in part], l_r),

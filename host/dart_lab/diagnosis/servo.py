@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dart_hal.vehicle.effects import apply
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.objective import Point, refit
 
-from .evidence.residuals import Evidence
 from .final_fit import FinalFit
 from .result import ParameterEstimate, estimate_effects
-from .search.fit import Point, refit
 from .search.forward import ForwardSearch
 
 # First sizes in a fit, which cannot start at 0, where a change does nothing: time from straight

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.core.types import FloatArray
+from dart_lab.identification.evidence.rows import RowLabels
+from dart_lab.identification.objective import Point
 
-from .evidence.rows import RowLabels
 from .gates import Candidate, explain_failure
 from .question import DiagnosisSetup
 from .result import Unexplained
-from .search.fit import Point
 from .search.forward import SearchResult
 from .search.selection import label_point_rows
 from .unexplained.structure import explained_shares, group_residuals

@@ -28,14 +28,14 @@ from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.evidence.split import hold_out
 from dart_lab.diagnosis.inputs import check_inputs
+from dart_lab.diagnosis.motion import driving_seconds
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.next_drive import NOTHING_TO_SUGGEST
 from dart_lab.diagnosis.report.summary import headline, summary_lines
+from dart_lab.diagnosis.split import hold_out
 from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 from dart_lab.diagnosis.write import write_model
 from dart_lab.identification.drive_form import with_drive_of

@@ -8,12 +8,12 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.inputs import select_effects
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import scan
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import refit
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger import Car
 from studies.diagnosis.stranger_causes import SIZES, hide

@@ -7,14 +7,14 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.search import size_search
-from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import EffectScan
 from dart_lab.diagnosis.search.size_search import scanned_parameters
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import refit
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dart_lab.diagnosis import conclude
-from dart_lab.diagnosis.evidence import ages, space
 from dart_lab.diagnosis.search import forward as search
+from dart_lab.identification.evidence import ages, space
 from studies.diagnosis.campaign import run
 from studies.diagnosis.campaign_cases import cases
 

@@ -14,11 +14,11 @@ import pytest
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Residuals
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.residuals import Residuals
+from dart_lab.identification.evidence.space import MessageTiming
 from tests.diagnosis.searched import drive, evidence
 
 SOME_AGE = MessageTiming(command_age=0.02, age_spread=0.01)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dart_lab.diagnosis.search.fit import covariance
+from dart_lab.identification.objective import covariance
 
 
 def fit_blocks(rng, blocks, rows, parameters):

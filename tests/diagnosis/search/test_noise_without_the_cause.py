@@ -10,9 +10,9 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude, diagnose
-from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
+from dart_lab.identification.objective import covariance
 from tests.diagnosis.searched import drive, evidence, search, size_of
 
 NOISE_SIGMA = 2.6

@@ -11,8 +11,8 @@ from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.parameters.sets import MAX_LINEAR_RISE, GroupFits, _subsets
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
-from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
 from dart_lab.diagnosis.search.scan import scan
+from dart_lab.identification.objective import change_noise, evaluate_point
 from tests.diagnosis.searched import ALL_FREE, drive, evidence, fit_start
 
 SEARCHED_EFFECTS = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale",

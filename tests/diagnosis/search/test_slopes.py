@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.diagnosis.evidence.space import MessageTiming
-from dart_lab.diagnosis.search.fit import evaluate_point, refit
+from dart_lab.identification.evidence.space import MessageTiming
+from dart_lab.identification.objective import evaluate_point, refit
 from tests.diagnosis import searched
 
 

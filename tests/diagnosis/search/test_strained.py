@@ -12,6 +12,7 @@ from dart_lab.diagnosis.grade.accept import Acceptance, accept_effects
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.evidence.space import Space
 from tests.diagnosis.onboard_files import evidence, record_onboard
 
 WORN = replace(PAPER, tyres=replace(PAPER.tyres, front_D=0.9 * PAPER.tyres.front_D))
@@ -44,7 +45,7 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     names, tyre = find_causes(run, "steering_gain")
     assert names == []
     assert tyre < 0.96  # bound 0.9825; the prior still pulls
-    monkeypatch.setattr("dart_lab.diagnosis.evidence.space.Space.names_at_bound", lambda *_: ())
+    monkeypatch.setattr(Space, "names_at_bound", lambda *_: ())
     assert find_causes(run, "steering_gain")[0] == ["steering_gain"]
 
 

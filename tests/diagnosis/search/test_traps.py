@@ -11,12 +11,12 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence import drive as prepared
 from dart_lab.diagnosis.run import standard_errors
 from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search import size_search
 from dart_lab.diagnosis.search.scan import scan
+from dart_lab.identification.evidence import drive as prepared
 from dart_lab.identification.shooting.fit import FREE, free_names
 from studies.diagnosis.campaign_cases import car as known_roughly
 from studies.diagnosis.campaign_cases import cases, model_file

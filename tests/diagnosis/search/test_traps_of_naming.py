@@ -12,11 +12,11 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence import readings
-from dart_lab.diagnosis.evidence.readings import rest_residuals
-from dart_lab.diagnosis.evidence.space import Space
 from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search.scan import Trial, ladder, scan
+from dart_lab.identification.evidence import readings
+from dart_lab.identification.evidence.readings import rest_residuals
+from dart_lab.identification.evidence.space import Space
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger_files import Habits, record
 from tests.diagnosis.searched import car, drive, evidence, fit_start, names, search, size_of

@@ -9,8 +9,6 @@ import numpy as np
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.result import (
     Cause,
     Constancy,
@@ -21,9 +19,11 @@ from dart_lab.diagnosis.result import (
     Stage,
 )
 from dart_lab.diagnosis.run import make_evidence
-from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import EffectScan
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.space import MessageTiming, Space
 from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.objective import refit
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 

@@ -13,8 +13,6 @@ from dart_hal.cli.main import main
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.suggest import suggest
 from dart_lab.diagnosis.suggest.contest import DriveComparison
 from dart_lab.diagnosis.suggest.evidence import LOG_TIMING
@@ -22,6 +20,8 @@ from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
 from dart_lab.diagnosis.suggest.question import make_question
 from dart_lab.diagnosis.suggest.side import RecordingComparison
 from dart_lab.diagnosis.suggest.virtual import record
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.residuals import Evidence
 from dart_lab.identification.experiment.floor import Floor
 from tests.diagnosis.suggest.open_question import (
     DRIVE_COMMANDS,

@@ -10,9 +10,9 @@ import pytest
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.diagnosis.evidence.drive import RecordedDrive
-from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS, message_features, window_features
+from dart_lab.identification.evidence.drive import RecordedDrive
+from dart_lab.identification.evidence.residuals import Evidence
 
 MEAN_SPEED = 0.8
 RADIUS = 2.0

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.unexplained.driven import remove_driven_motion
 from dart_lab.diagnosis.unexplained.features import window_features
+from dart_lab.identification.evidence.onboard_drive import MESSAGES_AHEAD
 from tests.diagnosis.onboard_files import evidence, record_onboard
 
 GYRO_COLUMNS = slice(1, None, 2)

@@ -11,13 +11,13 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.outliers import find_outliers
+from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.shooting.fit import FREE, free_names
 from studies.diagnosis.events import add_gusts, lift_rear_axle
 from studies.diagnosis.known_frame import read

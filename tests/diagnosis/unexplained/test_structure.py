@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_lab.diagnosis.evidence.readings import SENSORS
-from dart_lab.diagnosis.evidence.residuals import MOTION
 from dart_lab.diagnosis.unexplained import crossfit
 from dart_lab.diagnosis.unexplained.structure import (
     ResidualGroup,
     explained_shares,
     find_group_structure,
 )
+from dart_lab.identification.evidence.readings import SENSORS
+from dart_lab.identification.evidence.residuals import MOTION
 
 FEATURE_SECONDS = 120.0
 

@@ -11,13 +11,13 @@ import pytest
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnosis.evidence.space import NO_DELAY, MessageTiming
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.features import window_features
 from dart_lab.diagnosis.unexplained.structure import find_structure
 from dart_lab.diagnosis.unexplained.waits import remove_frame_wait
+from dart_lab.identification.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.identification.evidence.space import NO_DELAY, MessageTiming
 from tests.diagnosis.onboard_files import evidence, record_onboard
 
 GYRO = slice(1, None, 2)

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from dart_hal.vehicle.effects import effect_for
+from dart_lab.identification.evidence.noise import Noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.objective import Point
 
-from ..evidence.noise import Noise
-from ..evidence.residuals import Evidence
 from ..gates import IMPROBABLE, Candidate, explain_failure
 from ..policy import Policy
 from ..result import Constancy, Cost
-from ..search.fit import Point
 from ..search.forward import ForwardSearch
 from .bag import estimate_sizes_by_recording, grade_effects
 from .constancy import assess_constancy

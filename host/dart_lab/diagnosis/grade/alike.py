@@ -20,12 +20,12 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.rows import RowLabels, label_rows
+from dart_lab.identification.objective import Point
 from dart_lab.report.numbers import shorten_list
 
-from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, label_rows
 from ..policy import Policy, TwoCarsPolicy
-from ..search.fit import Point
 
 # Effects that differ from floor to floor or car to car, and their names for a reader.
 PROBES: Mapping[str, str] = {

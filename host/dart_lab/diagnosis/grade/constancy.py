@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..evidence.policy import MANY_RECORDINGS
+from dart_lab.identification.evidence.policy import MANY_RECORDINGS
+
 from ..policy import GradePolicy
 from ..result import Constancy
 from ..search.significance import p_value

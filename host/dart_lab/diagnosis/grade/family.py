@@ -10,9 +10,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.departures import DEPARTURES, TYPICAL_SPEED, with_departures
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.scale import find_scale
-
-from ..evidence.residuals import Evidence
-from ..search.fit import Point
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.objective import Point
 
 DEPARTURE_STEP = 0.2  # standard deviations of a departure; two-sided difference for its slope
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import remove_effects
+from dart_lab.identification.evidence.policy import BLOCK_S, MANY_RECORDINGS
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.rows import RowLabels, repeat_labels
+from dart_lab.identification.objective import Point
 
-from ..evidence.policy import BLOCK_S, MANY_RECORDINGS
-from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, repeat_labels
 from ..policy import TAIL
-from ..search.fit import Point
 from ..search.selection import label_point_rows
 from ..unexplained.bases import basis_functions
 from ..unexplained.features import message_features, window_features

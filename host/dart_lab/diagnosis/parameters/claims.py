@@ -12,13 +12,13 @@ from scipy.stats import chi2, norm
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.objective import Point
 
 from ..final_fit import FinalFit
 from ..grade.constancy import assess_constancy
 from ..grade.secants import Secants, find_coordinates, parameter_tangent
 from ..policy import ClaimPolicy
 from ..result import Claim, Cost, QuantityChange
-from ..search.fit import Point
 from .cost import group_cost
 from .groups import GROUPS, MERGED, Quantities, list_quantities
 from .sets import GroupFits, GroupSet, Posterior, posterior

@@ -26,11 +26,11 @@ from dart_hal.vehicle.effects import add_null_effects
 from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.compare import draw_blocks
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import Space
+from dart_lab.identification.objective import Point, refit_reusing_jacobian
 
-from ..evidence.residuals import Evidence
-from ..evidence.space import Space
 from ..policy import Policy
-from ..search.fit import Point, refit_reusing_jacobian
 from .groups import GROUPS
 
 # Prior probability that a group is wrong: one or two of the usual seven.

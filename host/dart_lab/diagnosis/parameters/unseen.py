@@ -17,15 +17,21 @@ import numpy as np
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.ages import START_AGES, age_sensitivity
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
+from dart_lab.identification.evidence.rows import label_rows
+from dart_lab.identification.evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
+from dart_lab.identification.objective import (
+    MAX_REUSE_ITERATIONS,
+    FittedModel,
+    Point,
+    loss_at,
+    refit,
+)
 
-from ..evidence.ages import START_AGES, age_sensitivity
-from ..evidence.noise import Noise, estimate_noise
-from ..evidence.residuals import Evidence, Residuals
-from ..evidence.rows import label_rows
-from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import Policy
 from ..result import Cost
-from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
 from .cost import loss_ratio
 
 # Time by which an age may leave its range here, where delays are fixed [s]. A fit divides a time

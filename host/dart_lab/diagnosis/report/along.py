@@ -16,12 +16,6 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.diagnosis.evidence.drive import READ_OUTS
-from dart_lab.diagnosis.evidence.onboard import ONBOARD_MOTION as ONBOARD
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import ENCODER_MEAN_S, MESSAGES_AHEAD
-from dart_lab.diagnosis.evidence.readings import SENSORS
-from dart_lab.diagnosis.evidence.residuals import MOTION, Evidence, Residuals
 from dart_lab.diagnosis.result import Stage
 from dart_lab.diagnosis.unexplained.features import (
     FEATURE_UNITS,
@@ -30,6 +24,12 @@ from dart_lab.diagnosis.unexplained.features import (
     window_features,
 )
 from dart_lab.identification.evaluation.cases import short
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.onboard import ONBOARD_MOTION as ONBOARD
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.onboard_drive import ENCODER_MEAN_S, MESSAGES_AHEAD
+from dart_lab.identification.evidence.readings import SENSORS
+from dart_lab.identification.evidence.residuals import MOTION, Evidence, Residuals
 
 from .words import CHANNEL_LABELS
 

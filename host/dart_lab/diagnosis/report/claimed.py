@@ -26,11 +26,11 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_slip, make_tyres
-from dart_lab.diagnosis.evidence.drive import RecordedDrive
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.readings import measured_motion
 from dart_lab.diagnosis.parameters.groups import holding_throttle
 from dart_lab.diagnosis.result import Claim, Diagnosis
+from dart_lab.identification.evidence.drive import RecordedDrive
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.readings import measured_motion
 from dart_lab.identification.prediction.actuators import actuator_outputs
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html

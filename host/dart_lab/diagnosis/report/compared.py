@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.result import Diagnosis, Stage, effect_label
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
+from dart_lab.identification.evidence.residuals import Evidence
 
 from .words import error_figure
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.result import BestPredictor, Considered, Diagnosis, ParameterEstimate
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.identification.evaluation import ERROR_UNITS
 from dart_lab.identification.evaluation.cases import short
+from dart_lab.identification.evidence.onboard import OnboardEvidence
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import join_names, p_value, percent, significant

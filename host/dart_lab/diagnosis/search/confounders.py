@@ -15,10 +15,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from dart_hal.core.types import FloatArray
+from dart_lab.identification.evidence.rows import RowLabels
+from dart_lab.identification.objective import Point
 
-from ..evidence.rows import RowLabels
 from ..policy import ConfounderPolicy
-from .fit import Point
 from .scan import Trial
 
 # Share of the gain of the best effect; another one with less is not compared with it.

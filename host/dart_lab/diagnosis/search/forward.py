@@ -14,15 +14,22 @@ from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import add_null_effects, apply, catalogue, remove_effects
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.ages import START_AGES, age_sensitivity
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence, affects_readings_only
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import (
+    Point,
+    change_noise,
+    loss_at,
+    refit,
+    refit_extended,
+    refit_reusing_jacobian,
+)
 
-from ..evidence.ages import START_AGES, age_sensitivity
-from ..evidence.noise import Noise, estimate_noise
-from ..evidence.residuals import Evidence, affects_readings_only
-from ..evidence.space import MessageTiming, Space
 from ..gates import Candidate, explain_failure
 from ..unexplained.driven import remove_driven_motion
 from .confounders import find_confounders, select_correlated
-from .fit import Point, change_noise, loss_at, refit, refit_extended, refit_reusing_jacobian
 from .scan import Progress, Sweep, Trial, scan
 from .selection import (
     AcceptedEffect,

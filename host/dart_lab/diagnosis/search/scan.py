@@ -25,11 +25,11 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue, effect_for, is_applicable
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.readings import SENSORS
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
+from dart_lab.identification.objective import Point
 
-from ..evidence.readings import SENSORS
-from ..evidence.residuals import Evidence, Residuals
 from ..policy import USUAL, ScanPolicy
-from .fit import Point
 from .size_search import (
     LADDER,
     bracket_best_size,

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle.effects import effect_for
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.rows import RowLabels, label_rows
+from dart_lab.identification.objective import Point
 
-from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, label_rows
 from ..gates import Candidate, explain_failure, relative_size
 from ..policy import USUAL, Policy
 from .confounders import MIN_GAIN_SHARE, find_confounders
-from .fit import Point
 from .scan import Trial
 from .significance import simulate_null
 

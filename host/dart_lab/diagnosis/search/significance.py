@@ -22,8 +22,8 @@ from statistics import NormalDist
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
+from dart_lab.identification.objective import Point
 
-from .fit import Point
 from .scan import Trial
 
 # Weighted square of a change of the residuals below which it consists of rounding errors.

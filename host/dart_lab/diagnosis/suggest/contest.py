@@ -18,8 +18,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.effects import apply, catalogue, effect_for
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.residuals import Residuals
 
-from ..evidence.residuals import Residuals
 from ..search.size_search import scanned_parameters
 from .side import RecordingComparison
 

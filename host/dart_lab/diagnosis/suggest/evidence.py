@@ -10,13 +10,13 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.onboard_drive import prepare_stretches
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
+from dart_lab.identification.evidence.space import MessageTiming
 
-from ..evidence.drive import prepare_drive
-from ..evidence.noise import Noise, estimate_noise
-from ..evidence.onboard import OnboardEvidence
-from ..evidence.onboard_drive import prepare_stretches
-from ..evidence.residuals import Evidence, Residuals
-from ..evidence.space import MessageTiming
 from ..policy import Policy
 from .virtual import COMMAND_AGE
 

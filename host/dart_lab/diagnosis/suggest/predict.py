@@ -11,11 +11,11 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.onboard import ONBOARD_MOTION
+from dart_lab.identification.evidence.readings import SENSORS
+from dart_lab.identification.evidence.residuals import MOTION, Residuals
 
-from ..evidence.drive import prepare_drive
-from ..evidence.onboard import ONBOARD_MOTION
-from ..evidence.readings import SENSORS
-from ..evidence.residuals import MOTION, Residuals
 from .evidence import MOCAP
 from .race import DriveSimulation
 from .result import DrivePrediction, Pair

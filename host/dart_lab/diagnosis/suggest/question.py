@@ -10,13 +10,13 @@ import numpy as np
 
 from dart_hal.vehicle.effects import catalogue, remove_effects
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.noise import Noise, estimate_noise
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import evaluate_point
 
-from ..evidence.noise import Noise, estimate_noise
-from ..evidence.residuals import Evidence
-from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
-from ..search.fit import evaluate_point
 from .contest import DriveComparison
 from .evidence import Setting, make_setting, select_onboard
 from .side import RecordingComparison

@@ -4,7 +4,7 @@
     sigma(q) = sqrt(g^T (C_0^-1 + I_d)^-1 g),         g = dq/dx of the quantity that is claimed
 
 A_d: Jacobian of the whitened residuals of the drive with the final model, as in a diagnosis of it
-(``search.fit``). r: median ratio of the variances of the data at hand to those of independent
+(``objective``). r: median ratio of the variances of the data at hand to those of independent
 residuals; the residuals of a further drive will be as dependent. Correlations between two groups
 are part of I_d: a drive with equal changes by both improves neither.
 """
@@ -22,15 +22,15 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming, Space
 from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.objective import evaluate_point
 
 from ..alternatives import SIZE_ERRORS
-from ..evidence.residuals import Evidence
-from ..evidence.space import MessageTiming, Space
 from ..parameters.groups import list_quantities
 from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
-from ..search.fit import evaluate_point
 from .evidence import LOG_TIMING, Setting, make_setting
 from .library import CHOICES, Progress, RehearsedDrive, default_floor, rehearse_choices
 from .virtual import record

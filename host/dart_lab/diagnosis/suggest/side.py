@@ -9,13 +9,13 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.noise import Noise
+from dart_lab.identification.evidence.policy import PriorPolicy
+from dart_lab.identification.evidence.residuals import Residuals
+from dart_lab.identification.evidence.space import MessageTiming, Space
+from dart_lab.identification.objective import Point, evaluate_point
 
-from ..evidence.noise import Noise
-from ..evidence.policy import PriorPolicy
-from ..evidence.residuals import Residuals
-from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL
-from ..search.fit import Point, evaluate_point
 
 
 class RecordingComparison:

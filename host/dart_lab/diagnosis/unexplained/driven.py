@@ -9,11 +9,11 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import replace_diverged
+from dart_lab.identification.evidence.policy import CLIP
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
 
-from ..evidence.drive import READ_OUTS
-from ..evidence.noise import replace_diverged
-from ..evidence.policy import CLIP
-from ..evidence.residuals import Evidence, Residuals
 from ..policy import TAIL
 from .bases import basis_functions
 from .crossfit import FOLDS, MIN_SIGN_BLOCKS, predict_held_out

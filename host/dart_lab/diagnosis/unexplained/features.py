@@ -18,11 +18,10 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.mocap import wrap
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.evidence.drive import READ_OUTS, RecordedDrive
+from dart_lab.identification.evidence.readings import ENCODER_SAMPLES
+from dart_lab.identification.evidence.residuals import Evidence
 from dart_lab.identification.prediction.actuators import actuator_outputs
-
-from ..evidence.drive import READ_OUTS, RecordedDrive
-from ..evidence.readings import ENCODER_SAMPLES
-from ..evidence.residuals import Evidence
 
 MAX_STRAIGHT_ANGLE = 0.03  # rad of steering; half of it is neither left nor right
 # Every feature and its unit. steering_angle: of the road wheels, after delay, lag and map;

@@ -21,14 +21,14 @@ from dart_hal.core.timing import PWM_WAIT_STD, SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.ages import age_sensitivity
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import replace_diverged
+from dart_lab.identification.evidence.policy import NoisePolicy
+from dart_lab.identification.evidence.residuals import MOTION, Evidence
+from dart_lab.identification.evidence.space import MAX_COMMAND_AGE, MessageTiming
 
 from ..error_summaries import ErrorMoment, Outliers
-from ..evidence.ages import age_sensitivity
-from ..evidence.drive import READ_OUTS
-from ..evidence.noise import replace_diverged
-from ..evidence.policy import NoisePolicy
-from ..evidence.residuals import MOTION, Evidence
-from ..evidence.space import MAX_COMMAND_AGE, MessageTiming
 
 # Of 48 simulated minutes of six kinds of driving without a cause, one is above one of these limits;
 # the largest of the others are 1.31, 1.85 and 1.55. Of 24 fresh ones another is above.

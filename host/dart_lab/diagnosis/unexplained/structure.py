@@ -18,13 +18,13 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import READ_OUTS
+from dart_lab.identification.evidence.noise import Noise, replace_diverged
+from dart_lab.identification.evidence.onboard import OnboardEvidence
+from dart_lab.identification.evidence.policy import BLOCK_S, CLIP
+from dart_lab.identification.evidence.readings import SENSORS
+from dart_lab.identification.evidence.residuals import MOTION, Evidence, Residuals
 
-from ..evidence.drive import READ_OUTS
-from ..evidence.noise import Noise, replace_diverged
-from ..evidence.onboard import OnboardEvidence
-from ..evidence.policy import BLOCK_S, CLIP
-from ..evidence.readings import SENSORS
-from ..evidence.residuals import MOTION, Evidence, Residuals
 from ..policy import TAIL, USUAL, UnexplainedPolicy
 from ..result import Unexplained
 from .bases import basis_functions, list_variable_sets

@@ -16,10 +16,9 @@ import numpy as np
 
 from dart_hal.core.timing import PWM_FRAME, PWM_WAIT_STD
 from dart_hal.vehicle.parameters import Vehicle
-
-from ..evidence.noise import Noise
-from ..evidence.residuals import Evidence, Residuals
-from ..evidence.space import MessageTiming
+from dart_lab.identification.evidence.noise import Noise
+from dart_lab.identification.evidence.residuals import Evidence, Residuals
+from dart_lab.identification.evidence.space import MessageTiming
 
 
 def remove_frame_wait(evidence: Evidence, p: Vehicle, timing: MessageTiming,

@@ -36,10 +36,10 @@ from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
 from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.evidence.coordinates import Coordinates
 from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 from dart_lab.identification.prediction.rollout import label_stretches
 
-from .coordinates import Coordinates
 from .problem import (
     CHANNELS,
     PREDICTED_UNITS,

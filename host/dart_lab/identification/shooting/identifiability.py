@@ -19,8 +19,8 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.dart.grid import grid
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.coordinates import Coordinates
 
-from .coordinates import Coordinates
 from .fit import FIRST_ERRORS, FREE, MAX_IDENTIFIED_STD, PRIOR_SCALE, _JointProblem, free_names
 from .problem import ShootingProblem
 

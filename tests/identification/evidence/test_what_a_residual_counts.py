@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.residuals import Residuals
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.residuals import Residuals
 
 WINDOWS = 400
 COLUMNS = 6

@@ -35,9 +35,9 @@ from dart_hal.vehicle.fitting.levenberg_marquardt import (
 )
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.noise import Noise
-from ..evidence.residuals import Evidence
-from ..evidence.space import MessageTiming, Space
+from .evidence.noise import Noise
+from .evidence.residuals import Evidence
+from .evidence.space import MessageTiming, Space
 
 # Limits of Levenberg-Marquardt: with a new Jacobian, and with one that is not updated.
 MAX_FIT_ITERATIONS = 15

@@ -9,12 +9,12 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence import onboard
-from dart_lab.diagnosis.evidence.noise import estimate_noise
-from dart_lab.diagnosis.evidence.onboard import list_limits
-from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnosis.evidence.onboard_windows import predict_motion
-from dart_lab.diagnosis.evidence.space import MessageTiming
+from dart_lab.identification.evidence import onboard
+from dart_lab.identification.evidence.noise import estimate_noise
+from dart_lab.identification.evidence.onboard import list_limits
+from dart_lab.identification.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.identification.evidence.onboard_windows import predict_motion
+from dart_lab.identification.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, record_onboard
 
 ENCODER = slice(0, None, 2)

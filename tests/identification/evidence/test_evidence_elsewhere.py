@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence import residuals
+from dart_lab.identification.evidence import residuals
 from tests.diagnosis import searched
 
 

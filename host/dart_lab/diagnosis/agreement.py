@@ -21,10 +21,10 @@ from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.identification.evidence.policy import MIN_READINGS
 
-from ..policy import USUAL, InputPolicy
 from .motion import motion_at_messages
-from .policy import MIN_READINGS
+from .policy import USUAL, InputPolicy
 
 UNIT_FACTORS = {1000.0: "thousandths: mm, mrad or mm/s2", 100.0: "cm", 57.2958: "degrees",
            3.6: "km/h", 1.0 / 9.81: "g", 0.001: "thousands: km or krad",

@@ -23,8 +23,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import replace_unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
-from dart_lab.identification.shooting.coordinates import Coordinates
 
+from .coordinates import Coordinates
 from .policy import USUAL_PRIOR, PriorPolicy
 
 # Relative to mocap, even the fastest message waits for its line and for the next row, up to 10 ms.

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from dart_hal.core.timing import SAMPLE
-from dart_lab.diagnosis.evidence.onboard import NOT_OBSERVABLE, list_limits
-from dart_lab.diagnosis.evidence.onboard_drive import (
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.identification.evidence.onboard import NOT_OBSERVABLE, list_limits
+from dart_lab.identification.evidence.onboard_drive import (
     ENCODER_MEAN_S,
     MESSAGES_AHEAD,
     STATE_MESSAGES,
     count_windows,
     prepare_stretches,
 )
-from dart_lab.diagnosis.policy import USUAL
 from tests.diagnosis.onboard_files import evidence, make_recording
 
 BEFORE = (STATE_MESSAGES + 2) * ENCODER_MEAN_S

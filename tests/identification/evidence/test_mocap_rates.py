@@ -12,11 +12,11 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.drive import prepare_drive
-from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import make_evidence
+from dart_lab.identification.evidence.drive import prepare_drive
+from dart_lab.identification.evidence.residuals import Evidence
+from dart_lab.identification.evidence.space import MessageTiming
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
