@@ -33,7 +33,7 @@ SIZE = 2.5
 
 
 @lru_cache(maxsize=2)
-def drives(hidden):
+def drives(*, hidden):
     car = apply(PAPER, "cornering_drag", k=SIZE) if hidden else PAPER
     folder = Path(mkdtemp())
     return [read(hidden_drive.write(folder / f"car_1_{seed}.csv", car, seed=seed,
@@ -42,9 +42,9 @@ def drives(hidden):
 
 
 @lru_cache(maxsize=2)
-def diagnose_hidden(hidden):
+def diagnose_hidden(*, hidden):
     """Diagnosis of four drives, judged by a fifth; causes are not searched."""
-    *train, test = drives(hidden)
+    *train, test = drives(hidden=hidden)
     model, vehicle = find_model("paper")
     return diagnose(model, vehicle, train, [test], max_causes=0, only=("gyro_bias",),
                     predictor=True)
@@ -127,7 +127,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
     (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
     pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
 def test_terminal_page_and_json_state_the_same(hidden, sentence, capsys):
-    d = diagnose_hidden(hidden)
+    d = diagnose_hidden(hidden=hidden)
     show_full(d)
     assert sentence in " ".join(capsys.readouterr().out.split())
     text = page(d)
