@@ -15,6 +15,7 @@ from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
 from dart_lab.identification.experiment.floor import Floor
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
+from tests.diagnosis import made_by_hand as made
 
 WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
                 tyres=replace(PAPER.tyres, rear_cornering_stiffness=0.7
@@ -65,5 +66,5 @@ def test_a_floor_too_small_for_any_drive_is_reported(diagnosis_and_plan):
 
 
 @pytest.mark.slow
-def test_without_a_claim_there_is_nothing_to_sharpen(diagnosis_and_plan):
-    assert suggest_parameter_drives(replace(diagnosis_and_plan(), claims=())) == ()
+def test_without_a_claim_there_is_nothing_to_sharpen():
+    assert suggest_parameter_drives(replace(made.diagnosis(), claims=())) == ()
