@@ -34,6 +34,8 @@ EXCLUDED = ("compat.py",)
 """Files that have to name what others were called before."""
 WORDS = {key: frozenset(text.split()) for key, text in tomlkit.parse(
     Path(__file__).with_name("words.toml").read_text(encoding="utf-8")).unwrap().items()}
+MEASURED = (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign,
+            ast.AnnAssign, ast.Name, ast.Attribute, ast.arg, ast.Constant)
 PARTICIPLE = re.compile(r"[a-z]+(ed|wn|lt|ft|pt|ught|ade|orn|aid|een)")
 
 
@@ -75,6 +77,7 @@ def is_participle(name: str) -> bool:
         word in WORDS["participles"] or PARTICIPLE.fullmatch(word) is not None)
 
 
+@cache
 def count_private_words(text: str) -> int:
     """Return how many words of a text or an identifier are private ones."""
     words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+", text)
@@ -88,7 +91,7 @@ def measure_package(texts: Iterable[str]) -> Figures:
         rows = [row.strip() for row in text.splitlines() if row.strip()]
         lines += len(rows)
         comments += sum(row.startswith("#") for row in rows)
-        for node in ast.walk(parse(text)):
+        for node in list_nodes(text):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 functions += 1
                 participles += is_participle(node.name)
@@ -104,9 +107,9 @@ def measure_package(texts: Iterable[str]) -> Figures:
 
 
 @cache
-def parse(text: str) -> ast.Module:
-    """Return the syntax tree of a file: two measurements need it."""
-    return ast.parse(text)
+def list_nodes(text: str) -> list[ast.AST]:
+    """Return the measured nodes of a file, its module first: two measurements need them."""
+    return [node for node in ast.walk(ast.parse(text)) if isinstance(node, MEASURED)]
 
 
 def list_arguments(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.arg]:
@@ -132,8 +135,8 @@ def measure_shared(paths: Iterable[Path]) -> Shared:
     constants: dict[str, int] = defaultdict(int)
     classes: dict[str, int] = defaultdict(int)
     for path in paths:
-        tree = parse(path.read_text(encoding="utf-8"))
-        for name in {one.name for one in ast.walk(tree) if isinstance(one, ast.ClassDef)}:
+        tree, *nodes = list_nodes(path.read_text(encoding="utf-8"))
+        for name in {one.name for one in nodes if isinstance(one, ast.ClassDef)}:
             classes[name] += not name.startswith("_")
         targets = [target for one in tree.body if isinstance(one, ast.Assign | ast.AnnAssign)
                    for target in (one.targets if isinstance(one, ast.Assign) else [one.target])]
