@@ -27,6 +27,19 @@ class Browser:
         self.driver = selenium.Chrome(options=options,
                                       service=Service(shutil.which("chromedriver")))
 
+    def renew(self):
+        """Replace its windows by a new one, in which nothing of an earlier page is left."""
+        selenium.ActionChains(self.driver).reset_actions()
+        self.driver.execute_cdp_cmd("Network.clearBrowserCookies", {})
+        old = self.driver.window_handles
+        self.driver.switch_to.new_window("window")
+        new = self.driver.current_window_handle
+        for window in old:
+            self.driver.switch_to.window(window)
+            self.driver.close()
+        self.driver.switch_to.window(new)
+        self.driver.get_log("browser")  # what is read here is not read again
+
     def open(self, url, size=DESK):
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
             "width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size == PHONE})

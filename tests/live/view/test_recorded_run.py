@@ -66,31 +66,25 @@ def served_folder(tmp_path):
 @pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", ["run.json", "none.json"])
-def test_it_plays_in_a_browser_without_a_program(served_folder, name):
-    at_the_page = pytest.importorskip("browser")
-    if not at_the_page.shutil.which("chromium"):
-        pytest.skip("chromium is not installed")
+def test_it_plays_in_a_browser_without_a_program(browsers, served_folder, name):
     url, requests = served_folder
-    one = at_the_page.Browser()
-    try:
-        one.open(f"{url}?run={name}")
-        if name == "none.json":  # the control: without the run it reports it, and plays nothing
-            one.until("none.json cannot be read", "said")
-            assert not one["bar"].is_displayed()
-            return
-        one.until("recorded", "mode")
-        before = one.text("at")
-        time.sleep(1.5)
-        assert one.text("at") != before, "it plays by itself"
-        one.run("const bar = document.getElementById('time'); bar.value = 1;"
-                "bar.dispatchEvent(new Event('input'))")
-        rows = json.loads(recorded_run.RUN.read_text())["rows"]
-        length = rows[-1][0] - rows[0][0]
-        one.until(f"{length:.1f} s of {length:.1f} s", "at")
-        assert not one["stop"].is_displayed()
-        assert [log for log in one.driver.get_log("browser") if log["level"] == "SEVERE"] == []
-        names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
-        assert all(part.startswith(url.rsplit("/", 1)[0]) for part in names)
-        assert requests
-    finally:
-        one.driver.quit()
+    one = browsers()
+    one.open(f"{url}?run={name}")
+    if name == "none.json":  # the control: without the run it reports it, and plays nothing
+        one.until("none.json cannot be read", "said")
+        assert not one["bar"].is_displayed()
+        return
+    one.until("recorded", "mode")
+    before = one.text("at")
+    time.sleep(1.5)
+    assert one.text("at") != before, "it plays by itself"
+    one.run("const bar = document.getElementById('time'); bar.value = 1;"
+            "bar.dispatchEvent(new Event('input'))")
+    rows = json.loads(recorded_run.RUN.read_text())["rows"]
+    length = rows[-1][0] - rows[0][0]
+    one.until(f"{length:.1f} s of {length:.1f} s", "at")
+    assert not one["stop"].is_displayed()
+    assert [log for log in one.driver.get_log("browser") if log["level"] == "SEVERE"] == []
+    names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
+    assert all(part.startswith(url.rsplit("/", 1)[0]) for part in names)
+    assert requests
