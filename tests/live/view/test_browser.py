@@ -15,6 +15,7 @@ from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 NEUTRAL_AFTER_S = 0.250
+EMPTY_PAGE = "data:text/html,<title>empty</title>"
 
 
 def hides_later(browser):
@@ -107,6 +108,20 @@ def test_it_fits_and_requests_nothing_from_elsewhere(browsers, size):
         stop = one["stop"].rect
         assert stop["y"] + stop["height"] <= size[1]
         assert [log for log in one.driver.get_log("browser") if log["level"] == "SEVERE"] == []
+
+
+def test_a_renewed_browser_has_nothing_of_an_earlier_page(browsers):
+    one = browsers()
+    one.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument",
+                               {"source": "window.left = 1; console.error('left')"})
+    one.open(EMPTY_PAGE)
+    assert one.run("return window.left") == 1, "control"
+    one.driver.switch_to.new_window("tab")
+    one.renew()
+    assert len(one.driver.window_handles) == 1
+    one.open(EMPTY_PAGE)
+    assert one.run("return window.left") is None
+    assert one.driver.get_log("browser") == []
 
 
 def test_a_recording_has_a_time_bar(browsers, tmp_path):
