@@ -52,6 +52,16 @@ import dart_lab.live.view.player
 print("all good")
 """
 
+SHORT_DEMO = """
+import dart_lab.demo.diagnosis as chapter
+from dart_hal.cli.main import main
+
+if __name__ == "__main__":  # its processes import this file
+    chapter.FIRST_DRIVE_S = chapter.SECOND_DRIVE_S = chapter.THIRD_DRIVE_S = 40.0
+    chapter.MAX_CAUSES = 1
+    main(["demo"])
+"""
+
 
 def run(*command: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
     """Without the checkout on Python's path, and without this environment."""
@@ -243,7 +253,10 @@ def test_the_base_install_needs_these_packages_alone(wheel):
 @pytest.mark.parametrize("emulator", [False, True])
 @pytest.mark.long_except("True")
 def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
-    """On the mock, which is reported; from the emulator where one is built."""
+    """On the mock, which is reported; from the emulator where one is built.
+
+    With drives half as long and one cause: what is found is judged in the checkout.
+    """
     place = tmp_path / "libdartemu.so"
     if emulator:
         try:
@@ -252,11 +265,14 @@ def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
             pytest.skip(f"no emulator: {missing.what}")
     folder = tmp_path / "empty"
     folder.mkdir()
-    ended = run(programs / "dart-hal", "demo", cwd=folder, NO_COLOR="1", COLUMNS="400",
+    program = tmp_path / "demo.py"
+    program.write_text(SHORT_DEMO, encoding="utf-8")
+    ended = run(programs / "python", program, cwd=folder, NO_COLOR="1", COLUMNS="400",
                 DART_HAL_EMULATOR=str(place))
     assert ended.returncode == 0, ended.stdout + ended.stderr
     output = " ".join(ended.stderr.split())  # standard output has the answers alone
     assert ("firmware in the emulator" in output) is emulator
     assert ("MockNano instead of the firmware" in output) is not emulator
     assert ("clone the project" in output) is not emulator  # there is no Makefile here
+    assert "mapped, then followed in the own map" in " ".join(ended.stdout.split())
     assert list(folder.rglob("*.html"))

@@ -1,4 +1,7 @@
-"""The demo from its first word to its page, with a diagnosis made by hand; test-more makes one."""
+"""The demo from its first word to its page, with a diagnosis made by hand.
+
+The demo of an installed wheel makes one, and the chapter on the lidar.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,14 @@ import json
 import pytest
 
 from dart_hal.cli.main import main
+from dart_lab.demo.section import real_skipped
 from tests.diagnosis import made_by_hand as made
 
 
 @pytest.mark.slow
 def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("dart_lab.demo.real.find_excerpt", lambda: None)
+    monkeypatch.setattr("dart_lab.demo.map.section", lambda *_: (real_skipped(), {"skipped": "x"}))
     monkeypatch.setattr("dart_lab.cli.demo.LAPS", 1)
     monkeypatch.setattr("dart_lab.diagnosis.inputs._check_duration", lambda *_: None)
     for name in ("FIRST_DRIVE_S", "SECOND_DRIVE_S", "THIRD_DRIVE_S"):
