@@ -169,6 +169,7 @@ def commands_of(done) -> dict[str, str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("url", [MOCK_URL, "sim://?seed=7&nano=mock"])
 @pytest.mark.parametrize("where", [(), ("--cars", "my cars")])
+@pytest.mark.long_except("where0-sim://?nano*", "where1-sim://?seed*")
 def test_printed_remedy_clears_its_warning(verb, url, where):
     doctor = ("doctor", "--url", url, "--json", "--seconds", 1, *where)
     remedies = commands_of(verb(*doctor))

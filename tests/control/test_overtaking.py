@@ -10,6 +10,7 @@ from studies.control.overtaking import LANES, OWN_SPEED, PersonAtRest, meet
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("tracker", "share"), [("mpcc", 0.0), ("mpcc", 0.3), ("ca-mpcc", 0.3)])
+@pytest.mark.long_except("*-0.3")
 def test_in_a_wide_lane_a_slower_car_is_overtaken(tracker, share):
     drive = meet(3, share, LANES["wide"], tracker, seconds=16.0)
     assert not drive.touched

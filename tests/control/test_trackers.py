@@ -86,6 +86,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
 @pytest.mark.slow
 @both_trackers
 @pytest.mark.parametrize("side", [0.9, -0.9])
+@pytest.mark.long_except("0.9-*", "-0.9-lqr")
 def test_from_far_off_the_path_it_comes_to_it_without_turning_back(name, side):
     """0.9 m off it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)

@@ -22,6 +22,8 @@ PARAMETERS = {"motor_gain": {"motor", "drive force"},
 @pytest.mark.parametrize("refit", [False, True])
 @pytest.mark.parametrize("recordings", [1, 2])
 @pytest.mark.parametrize(("hidden", "seed"), [((("steering_lag", 0.12),), 3), (PAIR, 5)])
+@pytest.mark.long_except("hidden0-3-1-False", "hidden0-3-2-True", "hidden1-5-1-True",
+                         "hidden1-5-2-False")
 def test_hidden_causes_are_found_without_test_recordings(hidden, seed, recordings, refit):
     file, p = find_model("paper")
     files = [framed(drive(*hidden, seconds=60.0, seed=seed + i).path) for i in range(recordings)]

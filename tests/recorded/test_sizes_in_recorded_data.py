@@ -160,6 +160,8 @@ BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.15, scaled_gyro
                          ids=[f"{name}-{hidden}" for name, hidden, _ in SIZE_CASES])
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.long_except("mocap_yaw-0.02", "mocap_yaw--0.05", "mocap_offset*", "steering*",
+                         "motor*")
 def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
     number = found_size(zheng(), name, hide, hidden)
     assert abs(number.value - hidden) < HUBER_SIGMA * number.std

@@ -23,9 +23,9 @@ MIN_GAIN = 4.0  # of loss: two standard deviations of one number
 ALIASES = ("pwm_quantisation",)
 """A command between two steps lies between two of finer steps as well: sizes have aliases."""
 BETWEEN_RUNGS = 1
-"""The size in the middle between two that the scan tries, of five."""
+"""The size in the middle between two that the scan tries, of five; of either sign the positive."""
 SIGNED_SIZES = [pytest.param(e.name, q.name, float(sign * k),
-                             marks=() if n == BETWEEN_RUNGS else pytest.mark.long)
+                             marks=() if n == BETWEEN_RUNGS and sign > 0.0 else pytest.mark.long)
                 for e in catalogue().values() for q in scanned_parameters(e)
                 for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
                 for n, k in enumerate(np.geomspace(q.sizes[0], q.sizes[2], 5))

@@ -90,6 +90,7 @@ def test_every_effect_drives_and_reads_as_with_floats(doubles, stage):
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [ROUGH, COUNTED], ids=["rough", "counted"])
 @pytest.mark.parametrize("p", [PAPER, UPSTREAM_2024], ids=["paper", "2024"])
+@pytest.mark.long_except("paper-rough", "2024-counted")
 def test_actuators_and_sensors_are_those_of_floats(doubles, p, config):
     expected, found = drive_both(p, config)
     assert np.abs(found - expected).max() < 1e-12
