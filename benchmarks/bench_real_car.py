@@ -4,7 +4,8 @@
 
 Twelve recordings are held out in four groups of three, each of another kind of driving; models are
 fitted to all other recordings of the same car and season (--together 1: each alone, with three
-times the work). A second split is by day. Errors are those of ``dart-hal evaluate`` 1 s ahead:
+times the work). A second split is by day. Four recordings on which nothing was developed are a
+third, with all others for training. Errors are those of ``dart-hal evaluate`` 1 s ahead:
 
 1. constant velocity: speed and yaw rate stay as they are (CTRV);
 2. paper: the published parameters;
@@ -72,10 +73,16 @@ TRAINING_ONLY = (
     "steering_identification_25_sept_2024/car_1_Datarecording_09_25_2024_09_54_57.csv",
     "steering_identification_25_sept_2024/car_1_Datarecording_09_25_2024_10_00_45.csv")
 """The shorter ones: 8, 50 and 34 windows are too few to judge by."""
+NEVER_USED = tuple(
+    f"other/dart_unused/car_1_Datarecording_{time}.csv.gz"
+    for time in ("09_04_2024_12_11_23", "09_09_2024_14_12_45", "09_09_2024_15_34_53",
+                 "09_27_2024_10_44_33"))
+"""Circles to one side, of days on which other recordings train. A fifth has a single window."""
 TRAIN_DAYS = ("80_", "81_", "steering_identification_25", "circles_27_sept_2024_fast")
 TEST_DAYS = ("91_", "60_")
 CTRV, PAPER, REFIT = "constant velocity", "paper", "refit"
 BEST, NEURAL = "best predictor", "neural residual"
+TITLES = ("held out", "split by day", "never used")
 MAX_WORSE = 1.02
 """Geometric mean of the best predictor's errors over those of the reference."""
 REFERENCE = Path(__file__).with_name("real_car_reference.json")
@@ -114,28 +121,38 @@ def judge(work: tuple[Sequence[Recording], Sequence[Recording], bool]) -> list[d
 
 
 def read(data: Path) -> dict[str, Recording]:
-    """Read all recordings of the benchmark by folder and file."""
+    """Read all recordings of the benchmark by folder and file; data: with or without ``other``."""
     root = data / "dart" if (data / "dart").is_dir() else data
-    names = (*HELD_OUT, *TRAINING_ONLY)
-    found = read_any([root / name for name in names])[0]
-    return {f"{r.path.parent.name}/{r.path.name}": r for r in found}
+    paths = [root / name for name in (*HELD_OUT, *TRAINING_ONLY)]
+    paths += [path for path in (data / name for name in NEVER_USED) if path.is_file()]
+    return {f"{r.path.parent.name}/{r.path.name}": r for r in read_any(paths)[0]}
+
+
+def split_by_day(recordings: dict[str, Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Return (training, test) recordings of other days."""
+    train, test = ([r for k, r in recordings.items() if k.startswith(days)]
+                   for days in (TRAIN_DAYS, TEST_DAYS))
+    return train, test
 
 
 def splits(recordings: dict[str, Recording], count: int, together: int, neural: bool
-           ) -> list[tuple[list[Recording], list[Recording], bool]]:
-    """Make the work of ``judge``: groups held out, then the split by day if all are.
+           ) -> list[tuple[str, tuple[list[Recording], list[Recording], bool]]]:
+    """Make the work of ``judge``, with the title of its tables.
 
-    The first count recordings of the list are judged; their whole groups are held out.
+    The first count recordings of the list are judged, and their whole groups are held out. If that
+    is all of them, the split by day follows, and the recordings that were never used.
     """
+    never_used = {k: r for k, r in recordings.items() if f"other/{k}" in NEVER_USED}
+    used = {k: r for k, r in recordings.items() if k not in never_used}
     out = []
     for first in range(0, min(count, len(HELD_OUT)), together):
         group = HELD_OUT[first:first + together]
-        out.append(([r for k, r in recordings.items() if k not in group],
-                    [recordings[k] for k in group[:count - first]], neural))
+        out.append((TITLES[0], ([r for k, r in used.items() if k not in group],
+                                [used[k] for k in group[:count - first]], neural)))
     if count >= len(HELD_OUT):
-        train, test = ([r for k, r in recordings.items() if k.startswith(days)]
-                       for days in (TRAIN_DAYS, TEST_DAYS))
-        out.append((train, test, neural))
+        out.append((TITLES[1], (*split_by_day(used), neural)))
+        if never_used:
+            out.append((TITLES[2], (list(used.values()), list(never_used.values()), neural)))
     return out
 
 
@@ -203,7 +220,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     p.add_argument("data", type=Path, help="folder of the recordings")
     p.add_argument("--recordings", type=int, default=len(HELD_OUT), metavar="N",
-                   help="judge the first N of the list alone, without the split by day")
+                   help="judge the first N of the list alone, without the other splits")
     p.add_argument("--together", type=int, default=GROUP, metavar="K",
                    help="recordings held out at a time")
     p.add_argument("--no-neural", action="store_true", help="without the black box (needs no JAX)")
@@ -218,24 +235,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "--recordings")
     reference = json.loads(REFERENCE.read_text(encoding="utf-8")) if o.check else None
     began = time.monotonic()
-    folds: list[dict[str, Any]] = []
-    days: list[dict[str, Any]] = []
+    found: dict[str, list[dict[str, Any]]] = {title: [] for title in TITLES}
+    folds, days, never_used = found.values()
     try:
         work = splits(read(o.data), o.recordings, o.together, not o.no_neural)
-        for result in track(each(judge, work, o.jobs, parts=len(work)), "holding out",
-                            total=len(work), console=Console(stderr=True)):
-            (days if len(folds) == len(HELD_OUT) else folds).extend(result)
+        results = each(judge, [one for _, one in work], o.jobs, parts=len(work))
+        titles = iter([title for title, _ in work])
+        for result in track(results, "holding out", total=len(work),
+                            console=Console(stderr=True)):
+            found[next(titles)].extend(result)
             if o.json:
                 document = {"date": date.today().isoformat(), "channels": list(CHANNELS),
                             "minutes": (time.monotonic() - began) / 60.0, "jobs": o.jobs,
-                            "folds": folds, "days": days}
+                            "folds": folds, "days": days, "never_used": never_used}
                 o.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     except DartHalError as err:
         print(err, file=sys.stderr)
         return 2
     console = Console(width=None if sys.stdout.isatty() else 160)
-    for table in tables(folds, "held out") + (tables(days, "split by day") if days else []):
-        console.print(table)
+    for title, results_of_split in found.items():
+        for table in tables(results_of_split, title) if results_of_split else ():
+            console.print(table)
     print(f"{(time.monotonic() - began) / 60.0:.1f} minutes, {o.jobs} process(es)")
     if reference is None:
         return 0

@@ -197,12 +197,12 @@ def examine(work: tuple[Case, str], seconds: tuple[float, float]) -> Answer:
 
 def examine_real(rule: str, data: Path) -> Answer:
     """One line: the real car, recordings split by day, with all rules ("") or without one."""
-    from bench_real_car import HELD_OUT, read, splits
+    from bench_real_car import read, split_by_day
 
     from dart_hal.vehicle.load import find_model
     from dart_lab.diagnosis import diagnose
 
-    train, test, _ = splits(read(data), len(HELD_OUT), len(HELD_OUT), neural=False)[-1]
+    train, test = split_by_day(read(data))
     model, vehicle = find_model("paper")
     acted: set[str] = set()
     began = time.process_time()

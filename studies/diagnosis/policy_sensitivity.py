@@ -249,9 +249,9 @@ def to_answer(d: Diagnosis) -> Answer:
 def read_real(data: Path) -> tuple[list[Recording], list[Recording]]:
     """The recordings of the real car, split by day: (training, test)."""
     sys.path.insert(0, str(HOME / "benchmarks"))
-    from bench_real_car import HELD_OUT, read, splits
+    from bench_real_car import read, split_by_day
 
-    return splits(read(data), len(HELD_OUT), len(HELD_OUT), neural=False)[-1][:2]
+    return split_by_day(read(data))
 
 
 def key_of(case: Case, name: str, factor: float) -> str:

@@ -55,3 +55,15 @@ def test_gate_refuses_part_of_the_recordings(part, capsys):
     with pytest.raises(SystemExit):
         bench_real_car.main(["nowhere", "--check", *part])
     assert "--check compares all recordings" in capsys.readouterr().err
+
+
+def test_recordings_that_were_never_used_train_no_model():
+    names = (*bench_real_car.HELD_OUT, *bench_real_car.TRAINING_ONLY)
+    never_used = [name.removeprefix("other/") for name in bench_real_car.NEVER_USED]
+    recordings = {name: name for name in (*names, *never_used)}
+    work = bench_real_car.splits(recordings, len(bench_real_car.HELD_OUT), 3, neural=False)
+    assert [title for title, _ in work] == ["held out"] * 4 + ["split by day", "never used"]
+    for title, (train, test, _) in work:
+        assert not set(train) & {*test, *never_used}
+        assert set(test) <= set(names) or (title, test) == ("never used", never_used)
+    assert set(work[-1][1][0]) == set(names)
