@@ -127,6 +127,30 @@ def test_a_plot_has_a_legend_with_unit_and_a_sensible_range_at_rest(browsers):
         assert "requested" in steering
         assert "applied" in steering
         assert " rad" in steering
+        # Equal commands: the one below is wider, so that both are seen.
+        one.run("const [a, b] = ['channel0', 'channel1'].map((id) => document.getElementById(id));"
+                "a.value = b.value")
+        widths = "return plots.at(-1).series.slice(1).map((series) => series.width)"
+        within(30.0, lambda: len(one.run(widths)) == 2)
+        requested, applied = one.run(widths)
+        assert requested > 2.0 * applied
+
+
+def test_lidar_points_do_not_cross_the_scale_of_the_floor(browsers):
+    reds = ("const pen = document.getElementById('floor').getContext('2d');"
+            "const { height } = pen.canvas;"
+            "const { data } = pen.getImageData(5, height - 24, 60, 18);"
+            "return data.filter((v, n) => n % 4 === 0 && v > 150 && data[n + 1] < 60).length")
+    with Player(make_run(), 0, lan=False) as player:
+        one = browsers()
+        one.open(f"{player.urls[0]}#t=3")
+        one.until("recorded", "mode")
+        within(30.0, lambda: one.run("return document.querySelectorAll('.uplot').length") == 2)
+        one.run("const points = []; for (let n = 0; n < 4e5; n++) points.push("
+                "20 * Math.random() - 10, 20 * Math.random() - 10); Floor.scan(points)")
+        above = reds.replace("height - 24", "height - 80")
+        within(30.0, lambda: one.run(above) > 100)
+        assert one.run(reds) == 0
 
 
 def test_a_plot_shows_the_value_at_the_cursor_and_zooms(browsers):

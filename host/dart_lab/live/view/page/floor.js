@@ -16,13 +16,21 @@ const Floor = (() => {
     pen.stroke();
   };
 
+  const gridStep = () => scale > 50 ? 0.5 : scale > 12 ? 1 : 5;
+
   function drawGrid() {
-    const step = scale > 50 ? 0.5 : scale > 12 ? 1 : 5, k = scale * devicePixelRatio;
+    const step = gridStep(), k = scale * devicePixelRatio;
     const w = canvas.width / 2 / k, h = canvas.height / 2 / k;
     for (let x = Math.ceil((centre[0] - w) / step) * step; x < centre[0] + w; x += step) line([[x, centre[1] - h], [x, centre[1] + h]], style("--line"), 0.5);
     for (let y = Math.ceil((centre[1] - h) / step) * step; y < centre[1] + h; y += step) line([[centre[0] - w, y], [centre[0] + w, y]], style("--line"), 0.5);
-    pen.fillStyle = style("--quiet"); pen.font = `${12 * devicePixelRatio}px system-ui`;
-    pen.fillText(`grid ${step} m`, 8 * devicePixelRatio, canvas.height - 10 * devicePixelRatio);
+  }
+
+  // The text is drawn last and on a ground of its own: walls and lidar points do not cross it.
+  function writeScale() {
+    const text = `grid ${gridStep()} m`, k = devicePixelRatio;
+    pen.font = `${12 * k}px system-ui`;
+    pen.fillStyle = style("--card"); pen.fillRect(4 * k, canvas.height - 25 * k, pen.measureText(text).width + 8 * k, 21 * k);
+    pen.fillStyle = style("--quiet"); pen.fillText(text, 8 * k, canvas.height - 10 * k);
   }
 
   // Draw the ellipse of two standard deviations of the position. The eigenvalues of the covariance are mean +- off, and
@@ -72,7 +80,7 @@ const Floor = (() => {
     drawGrid();
     for (const [a, b, c, d] of map) line([[a, b], [c, d]], style("--ink"), 2);
     line(path, style("--blue"), 1.5);
-    pen.fillStyle = style("--red");
+    pen.fillStyle = style("--red"); pen.font = `${12 * devicePixelRatio}px system-ui`;
     for (let n = 0; n < scan.length; n += 2) { const [a, b] = px(scan[n], scan[n + 1]); pen.fillRect(a - 1, b - 1, 2 * devicePixelRatio, 2 * devicePixelRatio); }
     others.forEach((other) => {
       if (other.path) line(other.path, style("--orange"), 1.5);
@@ -80,6 +88,7 @@ const Floor = (() => {
       if (other.name) { pen.fillStyle = style("--ink"); pen.fillText(other.name, ...px(other.x + 0.3, other.y + 0.12)); }
     });
     if (car) { drawEllipse(car); drawBody(car, style("--blue")); }
+    writeScale();
   }
 
   // By hand the view of all cars no longer fits itself.

@@ -38,6 +38,8 @@ const Plots = (() => {
     }
     const value = (picture, v) => v === null || v === undefined ? "-" : `${v.toFixed(3)} ${unit}`;
     const axis = { stroke: style("--quiet"), grid: { stroke: style("--line"), width: 0.5 }, ticks: { show: false } };
+    // The applied command covers the requested one where they are equal, so that is the wider line.
+    const width = (n) => own.length > 1 && n % own.length === 0 ? 4 : 1.5;
     const colour = (n) => style(colours[own.length === 1 ? 1 : n % own.length]);
     plot.picture = new uPlot({ width: plot.place.clientWidth || 300, height: HEIGHT,
       cursor: { drag: { x: true, y: false, setScale: false, dist: 5 }, bind: { dblclick: () => () => { plot.zoom = null; draw(); } } },
@@ -45,7 +47,7 @@ const Plots = (() => {
       scales: { x: { time: false, range: (picture, low, high) => plot.zoom || [low, high] }, y: { range } },
       axes: [{ ...axis, size: 24 }, { ...axis, size: 44, label: unit, labelSize: unit ? 16 : 0, labelGap: 0 }],
       series: [{ label: "time", value: (picture, v) => v === null ? "-" : `${v.toFixed(2)} s` },
-        ...channels.map((c, n) => ({ label: nameOf(c), stroke: colour(n), width: 1.5, dash: n < own.length ? [] : [5, 4], value }))] }, [[]], plot.place);
+        ...channels.map((c, n) => ({ label: nameOf(c), stroke: colour(n), width: width(n), dash: n < own.length ? [] : [5, 4], value }))] }, [[]], plot.place);
     plot.zoom = null;
     plot.shown = plot.choice.value;
     plot.channels = channels;
