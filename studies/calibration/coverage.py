@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,8 @@ from studies.calibration.joint_errors import calibrated, joint_errors
 RESULTS = Path(__file__).resolve().parents[2] / "build" / "coverage" / "results.jsonl"
 CARS = RESULTS.parent / "cars"
 """A folder for each seed: what ``calibrate all`` found of its car, and the drives of "joint"."""
+Line = dict[str, Any]
+"""verb, seed and errors of a car by quantity; failed: why there are none."""
 KEPT = ("all", "joint")
 EACH, POOLED = (0.82, 0.97), (0.87, 0.93)
 """Shares that are wanted of each quantity and of all."""
@@ -52,9 +55,18 @@ class Row(NamedTuple):
     worst: float
 
 
-def one(case: tuple[str, int]) -> dict[str, object]:
-    """A line of the results: a verb on a car of a seed."""
-    verb, seed = case
+def measure_car(job: tuple[int, Sequence[str]]) -> list[Line]:
+    """Return the lines of the results of one car; job: (seed, verbs).
+
+    The verbs of a car run one after another, "all" first: "joint" reads what "all" has written, and
+    would find another car if both ran at the same time.
+    """
+    seed, verbs = job
+    return [measure(verb, seed) for verb in sorted(verbs, key=lambda verb: verb != "all")]
+
+
+def measure(verb: str, seed: int) -> Line:
+    """Return a line of the results: a verb on a car of a seed."""
     folder = CARS / str(seed)
     try:
         found = (errors(verb, seed) if verb not in KEPT
@@ -123,12 +135,21 @@ def main() -> None:
     given.results.parent.mkdir(parents=True, exist_ok=True)
     lines = given.results.read_text().splitlines() if given.results.is_file() else []
     done = {(line["verb"], line["seed"]): line for line in map(json.loads, lines)}
-    left = [case for case in cases if case not in done]
+    left: dict[int, list[str]] = {}
+    for verb, seed in cases:
+        if (verb, seed) not in done:
+            left.setdefault(seed, []).append(verb)
     with use_cluster(given.cluster), given.results.open("a") as file:
-        for line in each(one, left, given.jobs, parts=len(left)):
-            done[line["verb"], line["seed"]] = line
-            file.write(json.dumps(line) + "\n")
+        for car in each(measure_car, list(left.items()), given.jobs, parts=len(left)):
+            for line in car:
+                done[line["verb"], line["seed"]] = line
+                file.write(json.dumps(line) + "\n")
             file.flush()
+    # Lines come in any order, and are the same file on one machine and on a cluster.
+    ordered = sorted(done.values(), key=lambda line: (line["seed"], line["verb"]))
+    part = given.results.with_name(f"{given.results.name}.part")
+    part.write_text("".join(json.dumps(line) + "\n" for line in ordered))
+    part.replace(given.results)
     for verb in given.verbs:
         found = [done[case] for case in cases if case[0] == verb]
         rows = rows_of([line["errors"] for line in found if line["errors"]])

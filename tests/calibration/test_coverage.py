@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
+from studies.calibration import coverage
 from studies.calibration.coverage import EACH, POOLED, rows_of
 from studies.calibration.hidden_errors import errors, worst
 from studies.calibration.joint_errors import calibrated, joint_errors, true_parameters
@@ -33,6 +36,38 @@ def test_control_wrong_intervals_are_detected(stated):
     assert not EACH[0] < bias.share < EACH[1]
     assert EACH[0] < ring.share < EACH[1]
     assert not POOLED[0] < pooled.share < POOLED[1]
+
+
+def run_campaign(folder, monkeypatch, capsys, order):
+    """Run "joint all" on four cars that a fake calibrates; return (what is printed, results)."""
+    def calibrate(seed, car):
+        car.mkdir(parents=True)
+        (car / "calibration.toml").touch()
+        return {"bias": [(0.1 * seed, 1.0)]}
+
+    def fit_jointly(seed, car):
+        # A car that nothing has calibrated gives other numbers.
+        return {"motor.d": [(seed if (car / "calibration.toml").exists() else 9.0, 1.0)]}
+
+    monkeypatch.setattr(coverage, "CARS", folder / "cars")
+    monkeypatch.setattr(coverage, "calibrated", calibrate)
+    monkeypatch.setattr(coverage, "joint_errors", fit_jointly)
+    monkeypatch.setattr(coverage, "each", lambda work, items, *rest, **more: map(
+        work, [items[k % len(items)] for k in order]))
+    results = folder / "results.jsonl"
+    monkeypatch.setattr("sys.argv", ["coverage", "joint", "all", "--seeds", "4", "--results",
+                                     str(results)])
+    coverage.main()
+    return capsys.readouterr().out, results.read_text()
+
+
+def test_the_answer_does_not_depend_on_the_order_in_which_workers_finish(tmp_path, monkeypatch,
+                                                                         capsys):
+    one, other = (run_campaign(tmp_path / name, monkeypatch, capsys, order)
+                  for name, order in (("machine", range(4)), ("cluster", (2, 0, 3, 1))))
+    assert one == other
+    assert "9.0" not in one[1]
+    assert [json.loads(line)["seed"] for line in one[1].splitlines()] == [1, 1, 2, 2, 3, 3, 4, 4]
 
 
 @pytest.mark.long
