@@ -33,6 +33,8 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 URL = "sim://?nano=mock&physics=kinematic&battery="
 # Charge at which the voltage at rest is above the limit, and under load below it.
 NEARLY_EMPTY = "charge=0.1"

@@ -16,6 +16,8 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 ROOM_URL = "sim://?nano=mock&physics=kinematic&lidar=1&map=room"
 GUARD_DISTANCE = 0.4
 # m from the rear axle at the start to the wall ahead.
