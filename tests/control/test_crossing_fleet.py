@@ -14,6 +14,8 @@ from dart_hal.control.crossing.layouts import LAYOUTS
 from dart_hal.control.crossing.plan_crosser import PlanCrosser, PlanWait
 from studies.control.crossing_fleet import Emulated, Fault
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
 MEET = (("S-N", 1.7), ("E-W", 1.2))
 

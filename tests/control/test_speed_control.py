@@ -17,6 +17,8 @@ from dart_hal.control.reversal import (
     Reversal,
 )
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 URL = "sim://?seed={}&nano=mock"
 LOOP_PERIOD = 0.01
 

@@ -11,6 +11,8 @@ from dart_hal.vehicle.parameters import Delay
 from studies.control import speed_figures
 from studies.control.speed_figures import STEP, driven, figures, identified, sine, step
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 LOOP_DELAY = 0.084
 
 

@@ -23,6 +23,8 @@ from studies.control.follow_figures import write_files
 from studies.control.light_follow import LATER, light_drive, plant_by
 from tests.control.test_mpc import TRACK
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 REAR = 0.09
 LONG_STRAIGHT = Path([(9.0, 0.0)], closed=False)
 

@@ -13,6 +13,8 @@ from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import MAX_STOP_TIME, STOP_HOLD_TIME, StopCall, StopRule
 from tests.fleet.rooms import FleetPins, pose_frame
 
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
 HALF_LOST = "local://stop?loss=0.5&seed={}"
 PIN_DELAY_S = 0.15
 """s: ten STOPs in a row are lost one time in a thousand, 100 ms; and as without loss."""
@@ -80,7 +82,7 @@ def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
         return self._call
 
     monkeypatch.setattr(Member, "stop_all", once)
-    for seed in range(3):
+    for seed in range(6):
         pulses.append(stop_one_by_another(HALF_LOST.format(seed))[0][1])
     assert max(pulses) > 0.5
 
