@@ -30,7 +30,7 @@ def headline(d: Diagnosis) -> str:
         names = join_names([f"{short_title(p)} ({p.effect})" for p in d.possible], "or")
         return (f"Something is wrong, possibly the car {names}, but these recordings do not "
                 "suffice to accept it, and nothing is named.")
-    found, explain = _found(d)
+    found, explain = _state_findings(d)
     return {
         "nothing_wrong": "Nothing is wrong as far as these recordings can show: no pattern in the "
                          "errors exceeds the noise, and no effect of the catalogue passes all "
@@ -51,7 +51,7 @@ def summary_lines(d: Diagnosis) -> list[str]:
                            _describe_remainder(d)]), f"First: {inside(first_step(d))}"]
 
 
-def _found(d: Diagnosis) -> tuple[str, str]:
+def _state_findings(d: Diagnosis) -> tuple[str, str]:
     """Count causes and substitutes, with wrong parameters, and return the verb of the sentence."""
     wrong = any(not is_small(c) for c in d.claims)
     causes = [c for c in d.causes if c.constancy.constant]

@@ -177,7 +177,7 @@ class ForwardSearch:
                                                        candidate.x)
             point, noise, accepted = self._prune(point, noise, accepted, one)
         # 3. Gains and confounders of each effect, given all the others.
-        add_confounders: Callable[[AcceptedEffect], AcceptedEffect] = _unchanged
+        add_confounders: Callable[[AcceptedEffect], AcceptedEffect] = _keep_confounders
         if len(accepted) > 1 or self._dropped:
             accepted = self._update_gains(point, noise, accepted)
             add_confounders = partial(self._add_confounders, point, noise, self._sweeps)
@@ -424,6 +424,6 @@ def list_fixed_effects(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[st
     return tuple(n for n in effect_names(vehicle) if not any(k.startswith(f"{n}.") for k in known))
 
 
-def _unchanged(one: AcceptedEffect) -> AcceptedEffect:
+def _keep_confounders(one: AcceptedEffect) -> AcceptedEffect:
     """Return an effect that was accepted alone: its round has found the confounders."""
     return one
