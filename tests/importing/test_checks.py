@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from dart_lab.importing import check_data, convert_tables, guess_map
+from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 from dart_lab.importing.maps import Column, column_of, parse_map
 from dart_lab.importing.tables import Table
-from tests.importing.logs import MAP, make_log
+from tests.importing.logs import MAP, make_log, write_csv
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +103,16 @@ def test_a_guess_recognises_the_voltage_of_the_battery(log, name, volt, unit):
     if unit is not None:
         assert column_of(made.map.battery.voltage) == Column(column=name, unit=unit)
         assert f"median is {volt:.4g} {unit}" in made.text
+
+
+def test_a_guess_names_the_line_that_makes_a_column_text(log, tmp_path):
+    path = write_csv(tmp_path / "log.csv", log)
+    lines = path.read_text().splitlines()
+    lines[51] = lines[51].replace(lines[51].split(",")[1], "n/a", 1)
+    path.write_text("\n".join(lines))
+    questions = " ".join(guess_map(read_tables([path])).questions)
+    assert "column 'x' is not used, because line 52 has 'n/a'" in questions
+    assert "is not used" not in " ".join(guess_map([Table("log", log)]).questions)
 
 
 def test_columns_without_names_are_found_by_the_data(log):

@@ -141,6 +141,13 @@ def test_empty_cells_name_their_column(log):
     assert "'x'" not in error.value.found
 
 
+def test_a_text_file_is_no_table(tmp_path):
+    path = tmp_path / "note.txt"
+    path.write_text("a note about a car and a track\n")
+    with pytest.raises(RecordingError, match="a header but no rows"):
+        read_tables([path])
+
+
 def test_text_in_a_number_names_line_and_column(log, tmp_path):
     path = write_csv(tmp_path / "log.csv", log)
     lines = path.read_text().splitlines()

@@ -38,6 +38,8 @@ MAX_SEARCHED_COLUMNS = 24
 MIN_AGREEMENT = 0.9
 # Share of rows that repeat a message from which on a log is taken to repeat its messages.
 MIN_REPEATED_SHARE = 0.1
+# Share of numbers from which on a column with text is one of numbers with a damaged line.
+MIN_NUMERIC_SHARE = 0.5
 # Names, best rule first. The text is lower case.
 END = r"(?:$|[^a-z0-9])"
 NAME_RULES: dict[str, tuple[str, ...]] = {
@@ -118,6 +120,11 @@ class GuessedMap:
 def guess_map(tables: Sequence[Table]) -> GuessedMap:
     """Propose a map for tables. Raises RecordingError if steering or throttle cannot be found."""
     proposal = Proposal()
+    # A column of numbers with a single word is left out, which only its line can explain.
+    proposal.questions += [
+        f"{table.name}: column {name!r} is not used, because line {line} has {cell!r}; can that "
+        "line be repaired?" for table in tables for name, (line, cell) in table.text_columns.items()
+        if np.isfinite(table.columns[name]).mean() > MIN_NUMERIC_SHARE]
     _add_poses(proposal, tables)
     _add_commands(proposal, tables)
     _add_sensors(proposal, tables)

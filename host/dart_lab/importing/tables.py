@@ -114,11 +114,11 @@ def read_csv(path: Path) -> Table:
         commented = _split(comment, _find_delimiter([comment])) if comment else []
         names = (commented if len(commented) == len(names)
                  else [str(i + 1) for i in range(len(names))])
-    _check_names(names, path)
     rows = [(offset + i, line) for i, line in enumerate(body) if line.strip()]
     if not rows:
         raise RecordingError(f"{path}: a header but no rows", found="0 rows", read=str(path),
                              expected="at least one row of numbers", remedy="leave this file out")
+    _check_names(names, path)
     columns, text_columns = _parse_rows(rows, names, delimiter, path)
     return Table(path.name, columns, text_columns, (str(path), digest))
 

@@ -58,7 +58,8 @@ def detect(columns: Sequence[str], file: str) -> str:
             expected=f"schema {schema}: {_quote(USED[schema])}", read=file,
             likely="another kind of table, or a header that was edited",
             remedy="name the columns as in docs/reference/recordings.md; "
-                   "their order does not matter")
+                   "their order does not matter; a log of another program: dart-hal data import "
+                   f"{file} --guess")
     return schema
 
 
