@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.imported import ImportedData, Stream
@@ -177,6 +176,8 @@ def _differentiate_poses(t: FloatArray, poses: Stream) -> dict[str, FloatArray]:
 
 def _smooth(values: FloatArray) -> FloatArray:
     """Return the mean (n,) over SMOOTHING_TIME around each sample."""
+    from scipy.ndimage import uniform_filter1d
+
     return np.asarray(uniform_filter1d(values, round(SMOOTHING_TIME / GRID_STEP)))
 
 
@@ -354,6 +355,8 @@ def _check_speed_command(g: GridData) -> list[ImportFinding]:
 
 def _range(values: FloatArray) -> FloatArray:
     """Return largest minus smallest value (n,) of the STEADY_TIME up to each sample."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
     size = round(STEADY_TIME / GRID_STEP)
     origin = (size - 1) // 2
     return np.asarray(maximum_filter1d(values, size, origin=origin)

@@ -26,9 +26,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.signal import lfilter
-from scipy.stats import norm
+from scipy.special import ndtri  # scipy.signal and ndimage take a second: imported where used
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
@@ -199,7 +197,7 @@ def _find_groups(responses: Sequence[Response], kind: str) -> CarDifference | No
     one, other = max(pairs, key=lambda pair: abs(pairs[pair][0]) / pairs[pair][1])
     size, error = pairs[one, other]
     # Any of the pairs may differ by chance (Bonferroni).
-    limit = float(norm.isf(0.5 * FALSE_ALARM / len(pairs))) * error
+    limit = -float(ndtri(0.5 * FALSE_ALARM / len(pairs))) * error
     if abs(size) < max(limit, MIN_DIFFERENCE):
         return None
     groups: dict[int, list[str]] = {one: [responses[one].name], other: [responses[other].name]}
@@ -264,6 +262,8 @@ def _fit_steering(s: MotionSamples, min_speed: float) -> ResponseCurve | None:
 
 def _fit_throttle(s: MotionSamples, scale: float) -> ResponseCurve | None:
     """Fit the throttle at the nodes; None: too little straight driving. scale: of the speeds."""
+    from scipy.ndimage import uniform_filter1d
+
     size = round(THROTTLE_TIME / STEP)
     speed = uniform_filter1d(s.speed, size)
     acceleration = uniform_filter1d(np.gradient(speed, STEP), size)
@@ -309,6 +309,8 @@ def _filter_command(command: FloatArray, curvature: FloatArray, use: BoolArray) 
 
     Both are those with the smallest residual of kappa = c0 + c1 u + c2 u |u|.
     """
+    from scipy.signal import lfilter
+
     best = command
     least = math.inf
     for delay in DELAYS:
@@ -375,6 +377,8 @@ def _sample_sensors(r: Recording) -> MotionSamples | None:
 
 def _range(values: FloatArray, seconds: float) -> FloatArray:
     """Return largest minus smallest value (n,) of the ``seconds`` up to each sample."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
     size = round(seconds / STEP)
     origin = (size - 1) // 2
     return np.asarray(maximum_filter1d(values, size, origin=origin)

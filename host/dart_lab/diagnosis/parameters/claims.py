@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtr
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
@@ -119,7 +119,7 @@ def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
     x = np.array([point.x[point.space.names.index(n)] for n in known])
     correlation = groups.stated_correlation(known) + CORRELATION_ERROR * np.eye(len(known))
     distance = float(x @ np.linalg.solve(correlation, x))
-    return bool(distance > chi2.ppf(2.0 * norm.cdf(stated) - 1.0, len(known)))
+    return bool(distance > chdtri(len(known), 2.0 * ndtr(-stated)))
 
 
 def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: Cost,
