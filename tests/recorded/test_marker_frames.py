@@ -189,14 +189,19 @@ def read_with_one_sided_circles(excerpt, write, table_b, seconds: float = 0.0) -
 def test_circles_to_one_side_take_the_known_frame_of_their_day(excerpt, write, table_b):
     published, circles = read_with_one_sided_circles(excerpt, write, table_b)
     assert circles.marker == published.marker == SEP_24
-    note = next(n.why for n in circles.notes if n.kind == "marker")
+    note = next(n.why for n in circles.notes if n.kind == "marker_of_day")
     assert note.startswith("caution")
+    assert any(f.kind == "marker_of_day" and f.serious for f in check(circles).findings)
     assert "same car" in note
 
 
 def test_circles_of_another_day_or_car_take_no_known_frame(excerpt, write, table_b):
     published, circles = read_with_one_sided_circles(excerpt, write, table_b, 86_400.0)
     assert circles.marker is None
-    named = replace(circles, mocap=replace(circles.mocap, epoch=published.mocap.epoch),
-                    car=SimpleNamespace(name="red", geometry=PAPER.body), marker=None, framed=False)
-    assert with_marker_frames([published, named])[1].marker is None
+    red = SimpleNamespace(name="red", geometry=PAPER.body)
+    circles = replace(circles, mocap=replace(circles.mocap, epoch=published.mocap.epoch),
+                      framed=False)
+    published = replace(published, framed=False)
+    assert with_marker_frames([published, circles])[1].marker == SEP_24, "control"
+    for pair in ([published, replace(circles, car=red)], [replace(published, car=red), circles]):
+        assert with_marker_frames(pair)[1].marker is None

@@ -22,6 +22,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.battery import state_fade_law
 from dart_lab.identification.drive_form import check_drive
+from dart_lab.identification.evaluation.cases import FRAME_NOTES
 from dart_lab.identification.prediction.windows import least_speed
 from dart_lab.report.numbers import shorten_list
 
@@ -112,7 +113,7 @@ def list_excluded_effects(p: Vehicle) -> list[str]:
 
 def list_frame_notes(recordings: Sequence[Recording]) -> list[str]:
     """Return warnings of the reader, and notes of the marker frames of the recordings."""
-    kinds = ("steering_reversed", "marker", "marker_differs", "reference_unknown", "car_files")
+    kinds = (*FRAME_NOTES, "reference_unknown", "car_files")
     found: dict[str, list[str]] = {}
     for r in recordings:
         for note in r.notes:

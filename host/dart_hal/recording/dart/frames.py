@@ -31,7 +31,7 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
     """
     open_ones = [r for r in recordings if r.mocap is not None and not r.framed]
     fits = _fit_mountings(open_ones)
-    return [_attach_frame(r, given, *fits[id(r)], _find_frame_of_day(r, recordings))
+    return [_attach_frame(r, given, *fits[id(r)], _find_frame_of_day(r, open_ones))
             if id(r) in fits else r for r in recordings]
 
 
@@ -70,11 +70,14 @@ def mounting(recording: Recording) -> str:
 
 
 def _find_frame_of_day(recording: Recording, others: Sequence[Recording]) -> Reference | None:
-    """Return the one known frame of other recordings of the day; None for a named car."""
+    """Return the one calibrated or published frame of its day; None for a named car.
+
+    others: recordings whose frames were not fitted.
+    """
     when = recording.when
     if recording.car is not None or when is None:
         return None
-    known = {reference_for(r) for r in others if r.when is not None
+    known = {reference_for(r) for r in others if r.car is None and r.when is not None
              and r.when.date() == when.date()} - {None}
     return known.pop() if len(known) == 1 else None
 
@@ -98,7 +101,7 @@ def _attach_frame(recording: Recording, given: Reference | None, fitted: Referen
         notes.append(Note(
             f"caution: marker frame of other recordings of {recording.when:%Y-%m-%d} ("
             f"{of_day.source}): this drive identifies none. Right if it is of the same car with "
-            "the same markers; --reference gives another", kind="marker"))
+            "the same markers; --reference gives another", kind="marker_of_day"))
     else:
         notes.append(Note(f"marker frame not identified: it needs {NEEDED}; {OPTION}",
                           kind="reference_unknown"))

@@ -29,7 +29,7 @@ from dart_lab.identification.prediction.windows import (
 EXCLUDED = "window(s) left out"
 NO_MOCAP = "no motion capture"
 NO_POSES = "a run without poses from outside"
-FRAME_NOTES = ("steering_reversed", "marker", "marker_differs")
+FRAME_NOTES = ("steering_reversed", "marker", "marker_differs", "marker_of_day")
 DATA_NOTES = ("false_lock", "outliers", "mocap_gap", "encoder_dead")
 OWN_REMEDY = ("record with $DART_HAL_POSES=udp://:5005; in the simulator: sim://?mocap=1 "
               "(docs/how_to/poses.md); dart-hal identify all RUNS needs none")
