@@ -25,6 +25,7 @@ MIN_PERIOD = 5e-5
 MAX_PERIOD = 1.0
 # Rows of a stream below which nothing can be done with it.
 MIN_ROWS = 30
+# The voltage is interpolated between two readings.
 MIN_BATTERY_ROWS = 2
 # Streams of which a row holds until the next one, and may be rare.
 HELD_STREAMS = ("steering", "throttle", "battery")

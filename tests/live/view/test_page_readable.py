@@ -127,7 +127,7 @@ def test_a_plot_has_a_legend_with_unit_and_a_sensible_range_at_rest(browsers):
         assert "requested" in steering
         assert "applied" in steering
         assert " rad" in steering
-        # Equal commands: the one below is wider, so that both are seen.
+        # Equal commands: the one below is wider, so that both are visible.
         one.run("const [a, b] = ['channel0', 'channel1'].map((id) => document.getElementById(id));"
                 "a.value = b.value")
         widths = "return plots.at(-1).series.slice(1).map((series) => series.width)"

@@ -57,6 +57,7 @@ MAX_PREDICTIONS = 600
 # Outcomes in the order by which they are recorded.
 PLAN_OUTCOMES = tuple(PlanOutcome)
 
+# Arc length, offset and heading error of the path itself.
 _ON_PATH = (np.zeros(1), np.zeros(1), np.zeros(1))
 
 PlannerT = TypeVar("PlannerT", bound=MpcPlanner[Any])
