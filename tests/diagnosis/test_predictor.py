@@ -18,7 +18,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose, final_fit
+from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.error_summaries import geometric_mean
 from dart_lab.diagnosis.predictor import _PredictorSearch
 from dart_lab.diagnosis.report import page
@@ -217,28 +217,3 @@ def test_the_command_line_writes_it(tmp_path, capsys):
     assert list(answer["predictor"]["effects"]) == ["cornering_drag"]
     _, vehicle = find_model(tmp_path / "p.toml")
     assert [a.name for a in vehicle.effects] == ["cornering_drag"]
-
-
-@pytest.mark.parametrize(("criteria", "references"), [
-    ([0.0, -0.5, -0.9, -0.9005, -0.9007], ["start", 1, 2, None]),
-    ([0.0, 0.0, -0.4, -0.8, -0.8, -0.8], ["start", None, 2, 3, None]),
-    (range(0, -99, -1), ["start", *range(1, final_fit.MAX_PASSES)])])
-def test_fit_with_equal_weights_ends_when_a_fresh_jacobian_lowers_its_criterion_no_more(
-        criteria, references, monkeypatch):
-    """The Jacobian of another fit may predict no reduction where there is one."""
-    found = []
-
-    def refit(_evidence, _noise, space, x, reference, *_):
-        found.append(reference and reference.x)
-        return SimpleNamespace(space=space, x=len(found))
-
-    space = SimpleNamespace(start=lambda *_: 0, transfer=lambda x, space, other: other,
-                            split=lambda x: (None, None))
-    values = iter(criteria)
-    monkeypatch.setattr(final_fit, "refit", refit)
-    monkeypatch.setattr(final_fit, "_weigh_recordings_equally", lambda *_: (None, next(values)))
-    fits = final_fit.EqualFits(SimpleNamespace(make_space=lambda vehicle: space), None, (), None,
-                               None, 1, 6)
-    start = SimpleNamespace(space=space, x="start", timing=None)
-    assert fits.fit(PAPER, start).x == len(references)
-    assert found == references

@@ -41,11 +41,9 @@ from .search.forward import effect_names
 from .search.scan import scan
 
 MIN_RECORDINGS = 3  # with two, each effect would be judged by a fit to a single recording
-# Iterations of the fit with all effects between measurements of the weights, and the number of
-# these. It only decides which effects are dropped first: with more it takes twice as long, and
-# errors are no smaller.
+# Iterations of the fit with all effects between measurements of the weights. It only decides which
+# effects are dropped first: with more it takes twice as long, and errors are no smaller.
 WIDE_ITERATIONS = 4
-WIDE_PASSES = 3
 # Drop of the loss by an effect alone, above which it is tried: twice the 2.7 that 10 % of useless
 # effects exceed, because a size is the best of several.
 MIN_LOSS_DROP = 5.0
@@ -93,7 +91,7 @@ def find_predictor(fits: EqualFits, train: RecordingSet, test: RecordingSet, acc
     wide = remove_effects(accepted.vehicle, [a.name for a in read])
     for name in work.candidates(train.evidence, accepted):
         wide = apply(wide, name)
-    fit = fits.fit_first(wide, accepted, WIDE_ITERATIONS, WIDE_PASSES)
+    fit = fits.fit_first(wide, accepted, WIDE_ITERATIONS)
     # 2. drop those that are not needed in this fit
     needless = [name for name, rise in work.rises(fit).items() if rise < MAX_NEEDLESS_RISE]
     if needless:
