@@ -91,7 +91,7 @@ def test_the_sizes_of_the_named_car_are_in_the_recording(verb, log):
 
 @pytest.mark.parametrize(("words", "what"), [
     ((), "no file to import"), (("log.csv",), "no map"), (("log.csv", "--map", "vesc"), "no such"),
-    (("gone.csv", "--map", "mocap"), "no such file"),
+    (("gone.csv", "--map", "mocap"), "no such file"), (("gone.csv",), "no such file"),
     (("log.csv", "--map", "mushr"), "fits no table"),
     (("log.csv", "--map", "deep-dynamics"), "no column 'time"),
     (("log.csv", "--guess", "--out", "map.mcap"), "is no map"),

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from dart_hal.core.errors import RecordingError
 from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 from dart_lab.importing.maps import Column, column_of, parse_map
 from dart_lab.importing.tables import Table
@@ -113,6 +114,14 @@ def test_a_guess_names_the_line_that_makes_a_column_text(log, tmp_path):
     questions = " ".join(guess_map(read_tables([path])).questions)
     assert "column 'x' is not used, because line 52 has 'n/a'" in questions
     assert "is not used" not in " ".join(guess_map([Table("log", log)]).questions)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_guess_names_the_columns_without_a_number(log):
+    empty = {name: np.full(len(log["t"]), np.nan) for name in ("x", "y", "yaw", "steering")}
+    with pytest.raises(RecordingError, match="steering") as refused:
+        guess_map([Table("log", {**log, **empty})])
+    assert refused.value.found.endswith("without a number: 'x', 'y', 'yaw', 'steering'")
 
 
 def test_columns_without_names_are_found_by_the_data(log):

@@ -165,6 +165,7 @@ def import_command(files: tuple[Path, ...], map_name: str | None, guess: bool, u
     result is one file that identify, evaluate, diagnose and data check read.
     """
     from dart_lab.cli.importing import guess_import, run_import
+    from dart_lab.importing.tables import read_tables
 
     if not files:
         raise UsageError("no file to import", found="no FILES",
@@ -173,6 +174,7 @@ def import_command(files: tuple[Path, ...], map_name: str | None, guess: bool, u
     if guess:
         return guess_import(files, out, as_json)
     if map_name is None:
+        read_tables(files)  # a missing file is stated before a missing map
         raise UsageError("no map", found=" ".join(map(str, files)), expected="--map MAP",
                          remedy=f"dart-hal data import {files[0]} --guess --out map.toml proposes "
                                 "one")

@@ -130,7 +130,7 @@ def guess_map(tables: Sequence[Table]) -> GuessedMap:
     _add_sensors(proposal, tables)
     missing = [name for name in ("steering", "throttle") if name not in proposal.columns]
     if missing or len(proposal.columns) < 3:
-        found = "; ".join(f"{t.name}: {quote_names(t.columns)}" for t in tables[:6])
+        found = "; ".join(_describe_columns(t) for t in tables[:6])
         raise RecordingError(
             f"no column looks like {' or '.join(missing) or 'a measurement'}", found=found,
             expected="commands of steering and throttle, and poses or an encoder",
@@ -140,6 +140,19 @@ def guess_map(tables: Sequence[Table]) -> GuessedMap:
     made = proposal.build()
     return GuessedMap(made, format_map(made, proposal.evidence, proposal.questions),
                       tuple(proposal.evidence), tuple(proposal.questions))
+
+
+def _describe_columns(table: Table) -> str:
+    """Describe the columns of a table, and which of them hold no number."""
+    empty = [name for name, values in table.columns.items() if not np.isfinite(values).any()]
+    return f"{table.name}: {quote_names(table.columns)}" + (
+        f"; without a number: {quote_names(empty)}" if empty else "")
+
+
+def _varies(values: FloatArray) -> bool:
+    """Return whether a column has two different numbers."""
+    numbers = values[np.isfinite(values)]
+    return len(numbers) > 0 and float(np.ptp(numbers)) > 0.0
 
 
 def _candidates(tables: Sequence[Table], role: str,
@@ -219,7 +232,7 @@ def _search_poses(table: Table) -> tuple[tuple[str, str, str], float] | None:
     """Return the columns whose direction of travel agrees best with a third one, if it does."""
     time = _find_time(table)
     names = [n for n in table.columns if time is not None and n != time.column
-             and float(np.nanstd(table.columns[n])) > 0.0][:MAX_SEARCHED_COLUMNS]
+             and _varies(table.columns[n])][:MAX_SEARCHED_COLUMNS]
     step = max(len(table) // MAX_SEARCHED_ROWS, 1)
     values = {n: np.nan_to_num(table.columns[n])[::step] for n in names}
     # Unit vectors of an angle; degrees are recognised by their range.
@@ -371,7 +384,7 @@ def _search_sensor(proposal: Proposal, stream: str, key: str, used: set[str]) ->
               else np.gradient(np.unwrap(yaw)))
     best = ("", 0.0)
     for name, values in table.columns.items():
-        if name in used | {time.column} or float(np.nanstd(values)) == 0.0:
+        if name in used | {time.column} or not _varies(values):
             continue
         found = _correlate(np.interp(at, t, np.nan_to_num(values)), motion)
         best = (name, found) if abs(found) > abs(best[1]) else best
