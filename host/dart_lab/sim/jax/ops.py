@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -82,21 +83,49 @@ def make_jax_stepper(p: Vehicle, step: float, method: str, substeps: Substeps, m
                      kind: str = "car") -> Stepper:
     """Make ``stepper(state, throttle, steering) -> state`` for one car, see ``light.stepper``.
 
-    A slow car takes several short steps. Their number may depend on a traced vehicle, so
-    ``max_parts`` are computed, and those that the car does not take are dropped.
+    A slow car takes several short steps. Their number may depend on a traced vehicle, and differs
+    between the cars of a batch: the batch is driven on until the slowest car has taken its steps.
+    JAX cannot differentiate a loop of unknown length backward, so derivatives are those of
+    ``max_parts`` steps, of which each car drops those that it does not take.
     """
-    def stepper(state: State8, tau: Value, s: Value) -> State8:
-        slow = jnp.abs(state[3]) < substeps.speed
-        parts = jnp.where(slow, substeps.parts, 1)
+    def run(bounded: bool, state: State8, tau: Value, s: Value, slow_speed: Value,
+            slow_parts: Value) -> State8:
+        parts = jnp.where(jnp.abs(state[3]) < slow_speed, slow_parts, 1)
         advance = (make_motion_step(p, JAX, step / parts, 1, method) if kind == "motion"
                    else make_car_step(p, JAX, step / parts, method))
 
         def substep(k: Value, old: State8) -> State8:
-            return tuple(jnp.where(k < parts, new, was)
+            return tuple(jnp.where(k < parts, new, was).astype(was.dtype)
                          for new, was in zip(advance(*old, tau, s), old, strict=True))
 
-        begun: State8 = tuple(map(jnp.asarray, state))
-        ended: State8 = jax.lax.fori_loop(0, max_parts, substep, begun)
+        ended: State8
+        if bounded:
+            ended = jax.lax.fori_loop(0, max_parts, substep, state)
+        else:
+            ended = jax.lax.while_loop(lambda loop: loop[0] < parts, lambda loop: (
+                loop[0] + 1, substep(*loop)), (0, state))[1]
         return ended
+
+    def stepper(state: State8, tau: Value, s: Value) -> State8:
+        arguments = (tuple(map(jnp.asarray, state)), jnp.asarray(tau), jnp.asarray(s),
+                     jnp.asarray(substeps.speed), jnp.asarray(substeps.parts))
+        # A function with its own derivative needs all that is traced as arguments, also parameters
+        # of the vehicle.
+        (fast, fast_values), (bounded, bounded_values) = (
+            jax.closure_convert(partial(run, whether), *arguments) for whether in (False, True))
+
+        @jax.custom_jvp
+        def drive(arguments: Any, fast_values: Any, bounded_values: Any) -> State8:
+            ended: State8 = fast(*arguments, *fast_values)
+            return ended
+
+        @drive.defjvp
+        def differentiate(values: Any, changes: Any) -> tuple[State8, State8]:
+            ended: tuple[State8, State8] = jax.jvp(
+                lambda arguments, _, traced: bounded(*arguments, *traced), values, changes)
+            return ended
+
+        driven: State8 = drive(arguments, tuple(fast_values), tuple(bounded_values))
+        return driven
 
     return stepper
