@@ -23,6 +23,7 @@ import bench_evaluate
 import bench_firmware
 import bench_identify
 import bench_import
+import bench_jax
 import bench_joint
 import bench_lidar
 import bench_light
@@ -64,6 +65,7 @@ BENCHES: dict[str, Callable[..., list[Figure]]] = {
     "room": bench_room.figures,
     "vehicle": bench_vehicle.figures,
     "light": bench_light.figures,
+    "jax": bench_jax.figures,
     "mpc": bench_mpc.figures,
     "lidar": bench_lidar.figures,
     "emulation": bench_emulation.figures,
