@@ -173,7 +173,8 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting={**describe_imu_mounting(mounting, q.train.evidence),
                   **describe_servo(final, last)},
-        predictor=find_predictor(fits, q.train, q.test, last) if q.predictor else None,
+        predictor=(find_predictor(fits, q.train, q.test, complete[0], last) if q.predictor
+                   else None),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 

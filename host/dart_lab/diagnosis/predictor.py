@@ -8,8 +8,8 @@ of ``final_fit`` over held-out recordings, by fits in which every recording has 
    fit them together.
 2. Drop effects that the fit does not need.
 3. Fit without each recording in turn, and compute L. Drop the effect whose size no car has, else
-   the one that the fit needs least. Repeat until no effect on the motion remains; where L is 0.1
-   above the smallest one, drop all that remain.
+   the one that the fit needs least. Repeat until one effect is left, or L is 0.1 above the smallest
+   one. Compute L of the refit without effects, which is fitted as the reported one.
 4. Take the effects with the smallest L. With fewer than six recordings fit them by the noise as
    well, as the search does, and keep the fit with the smaller L.
 5. If the 90 % interval of its errors over those of the refit, by recordings, does not lie below 1,
@@ -50,7 +50,7 @@ MIN_LOSS_DROP = 5.0
 # Rise of the loss without an effect, to second order, up to which it is dropped: what one useless
 # parameter lowers the loss by on average.
 MAX_NEEDLESS_RISE = 1.0
-# Rise of L above its smallest value, from which on all remaining effects are dropped together:
+# Rise of L above its smallest value, from which on no fewer effects are tried:
 # errors are 10 % larger, and with fewer effects they hardly become smaller again.
 MAX_CRITERION_RISE = 0.1
 # Effects that do not apply to other recordings, where battery and slope differ.
@@ -74,12 +74,12 @@ def check_recordings(train: RecordingSet) -> Sequence[Case]:
     return cases
 
 
-def find_predictor(fits: EqualFits, train: RecordingSet, test: RecordingSet, accepted: Point
-                   ) -> BestPredictor:
+def find_predictor(fits: EqualFits, train: RecordingSet, test: RecordingSet, base: Point,
+                   accepted: Point) -> BestPredictor:
     """Find the effects that lower errors on held-out training recordings.
 
-    fits: to the training recordings; accepted: the fit with the accepted effects. The test
-    recordings are predicted at the end and select nothing.
+    fits: to the training recordings; base: the refit of the search; accepted: the fit with the
+    accepted effects. The test recordings are predicted at the end and select nothing.
 
     Raises UsageError with fewer than three training recordings with motion capture.
     """
@@ -96,10 +96,12 @@ def find_predictor(fits: EqualFits, train: RecordingSet, test: RecordingSet, acc
     needless = [name for name, rise in work.rises(fit).items() if rise < MAX_NEEDLESS_RISE]
     if needless:
         fit = fits.fit(remove_effects(fit.vehicle, needless), fit)
-    # 3. drop one effect at a time
-    tried = work.drop_in_turn(fit)
+    # 3. drop one effect at a time; a fit from one with effects may end at another minimum
+    unchanged = remove_effects(base.vehicle, [a.name for a in read])
+    none = fits.judge(fits.fit_first(unchanged, base))
+    tried = [*work.drop_in_turn(fit), none]
     # 4. take the smallest error; of few recordings also by the noise
-    refitted = fits.select(tried[-1])
+    refitted = fits.select(none)
     if not fits.weighs_equally:
         tried.append(fits.judge(fits.fit_by_noise(work.smallest(tried).fit)))
     # 5. take the refit if the interval includes 1
@@ -134,12 +136,12 @@ class _PredictorSearch:
                 for name in self.found(fit)}
 
     def drop_in_turn(self, fit: Point) -> list[CrossValidatedFit]:
-        """Return the fit, and those after each effect that is dropped, down to none."""
-        tried = [self.fits.judge(fit)]
-        while rises := self.rises(fit):
+        """Return the fit, and those after each effect that is dropped, down to one effect."""
+        tried = [self.fits.judge(fit)] if self.found(fit) else []
+        while len(rises := self.rises(fit)) > 1 and tried[-1].criterion <= MAX_CRITERION_RISE + min(
+                one.criterion for one in tried):
             least = min(rises, key=lambda name: (not impossible_size(fit, name), rises[name], name))
-            far = tried[-1].criterion > min(one.criterion for one in tried) + MAX_CRITERION_RISE
-            fit = self.fits.fit(remove_effects(fit.vehicle, rises if far else [least]), fit)
+            fit = self.fits.fit(remove_effects(fit.vehicle, [least]), fit)
             tried.append(self.fits.judge(fit))
         return tried
 
