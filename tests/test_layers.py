@@ -170,6 +170,16 @@ def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement
     assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnosis"} & got
 
 
+@pytest.mark.parametrize(("verb", "absent"), [
+    ((), {"numpy", "scipy.special"}), (("diagnose",), {"scipy.special", "scipy.optimize"}),
+    (("calibrate",), {"scipy.special", "scipy.optimize"})])
+def test_help_waits_for_no_module_that_only_the_work_needs(verb, absent):
+    got = list_loaded("from dart_hal.cli.main import main\n"
+                      f"try:\n    main([*{verb!r}, '--help'])\nexcept SystemExit:\n    pass")
+    assert "click" in got
+    assert not absent & got
+
+
 @pytest.mark.slow
 def test_a_simulated_car_in_full_loads_no_plotting_either(tmp_path):
     """Opened and driven: only what moves it."""

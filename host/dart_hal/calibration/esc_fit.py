@@ -19,9 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq, curve_fit, least_squares
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import INTERVAL_90, Estimate, FloatArray
@@ -83,6 +80,8 @@ class DriveForce:
 
     def missing_friction(self, fast: float, slow: float, seconds: float) -> float:
         """Part of ``a`` [m/s2] that is missing if coasting took ``seconds`` instead."""
+        from scipy.optimize import brentq  # these modules of scipy take a second
+
         return float(brentq(lambda drag: self.coasting_time(fast, slow, drag) - seconds,
                             -3.0 * self.a, 0.95 * self.a))
 
@@ -222,6 +221,8 @@ def _have_lag(parts: Sequence[SpinSegment]) -> bool:
 def _make_segments(spans: Sequence[PulseSpan], neutral: float, reference: float, settling: float
                    ) -> list[SpinSegment]:
     """Make the segments with enough motion; at neutral the first ``settling`` [s] are omitted."""
+    from scipy.interpolate import CubicSpline
+
     found = []
     for k, span in enumerate(spans):
         sign = 0.0 if span.pulse_us == neutral else 1.0 if span.pulse_us > neutral else -1.0
@@ -256,6 +257,8 @@ def _select_turning(span: PulseSpan) -> tuple[FloatArray, FloatArray] | None:
 
 def _rows(part: SpinSegment, lag_delay: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """(columns of K, KP, E, EP, A, C; travel), without place and speed at the start."""
+    from scipy.integrate import cumulative_trapezoid
+
     s = part.t - part.t[0]
     drives = part.drives
     half = 0.5 * s**2
@@ -277,6 +280,8 @@ def _rows(part: SpinSegment, lag_delay: tuple[float, float]) -> tuple[FloatArray
 
 def _fit_law(parts: Sequence[SpinSegment], start: tuple[float, float]) -> ForceLaw:
     """Fit lag and delay from ``start`` on, and the law; (0, 0): without lag."""
+    from scipy.optimize import least_squares
+
     lag_delay = start
     if start[0]:
         low, high = np.array([LAG_BOUNDS, DELAY_BOUNDS]).T
@@ -304,6 +309,8 @@ def find_knee(pulses: FloatArray, speeds: FloatArray) -> Estimate | None:
 
     Below it the speed is (a p + b) / (1 + c p), the solution of v' = 0 for motor and friction.
     """
+    from scipy.optimize import curve_fit
+
     middle = float(pulses.mean())
     width = float(np.ptp(pulses))
 

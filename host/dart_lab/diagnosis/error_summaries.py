@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from dart_hal.core.types import FloatArray
 from dart_lab.identification.evaluation.prediction import CHANNELS
@@ -49,6 +48,8 @@ class Ratio(NamedTuple):
 
 def geometric_mean(ratios: Iterable[float]) -> Ratio:
     """Geometric mean of ratios of recordings; the interval is Student's over their logarithms."""
+    from scipy.special import stdtrit  # takes half a second, which --help need not wait for
+
     logs = np.log(list(ratios))
     std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
     half = float(stdtrit(len(logs) - 1, 0.95)) * std

@@ -24,9 +24,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri  # scipy.signal and ndimage take a second: imported where used
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
@@ -197,7 +197,7 @@ def _find_groups(responses: Sequence[Response], kind: str) -> CarDifference | No
     one, other = max(pairs, key=lambda pair: abs(pairs[pair][0]) / pairs[pair][1])
     size, error = pairs[one, other]
     # Any of the pairs may differ by chance (Bonferroni).
-    limit = -float(ndtri(0.5 * FALSE_ALARM / len(pairs))) * error
+    limit = -NormalDist().inv_cdf(0.5 * FALSE_ALARM / len(pairs)) * error
     if abs(size) < max(limit, MIN_DIFFERENCE):
         return None
     groups: dict[int, list[str]] = {one: [responses[one].name], other: [responses[other].name]}

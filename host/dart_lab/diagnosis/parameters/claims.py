@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.special import chdtri, ndtr
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
@@ -108,6 +107,8 @@ def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
 
     x (k,): changes in standard errors, R (k, k): correlations that the file states.
     """
+    from scipy.special import chdtri, ndtr  # takes half a second: imported where used
+
     point = groups.full
     mine = [n for g in part for n in groups.names(g)]
     known = [n for n in mine if n in groups.known]
