@@ -46,7 +46,15 @@ def test_a_right_log_has_no_contradiction(seed):
     (lambda c: {"y": -c["y"]}, "yaw", "y of [poses] needs sign = -1"),
     (lambda c: {"x": c["y"], "y": c["x"]}, "yaw", "exchange the columns x and y"),
     (lambda c: {"yaw": np.rad2deg(np.unwrap(c["yaw"]))}, "yaw", 'needs unit = "deg"'),
+    (lambda c: {"yaw": np.deg2rad(np.unwrap(c["yaw"]))}, "yaw", 'needs unit = "rad"'),
     (lambda c: {"yaw": c["yaw"] + 1.5708}, "yaw", "zero = 1.57"),
+    (lambda c: {"x": 1e3 * c["x"], "y": 1e3 * c["y"]}, "poses", 'need unit = "mm"'),
+    (lambda c: {"x": 1e3 * c["x"], "y": 1e3 * c["y"], "speed": 3.6 * c["speed"]}, "poses",
+     'need unit = "mm"'),
+    (lambda c: {"x": 1e2 * c["x"], "y": 1e2 * c["y"], "speed": 3.6 * c["speed"]}, "poses",
+     'need unit = "cm"'),
+    (lambda c: {"x": 30.0 * c["x"], "y": 30.0 * c["y"], "speed": 1.08 * c["speed"]}, "poses",
+     'x and y of [poses] need unit = "cm", and speed of [encoder] needs unit = "km/h"'),
     (lambda c: {"yaw_rate": -c["yaw_rate"]}, "gyro", "[gyro] needs sign = -1"),
     (lambda c: {"yaw_rate": np.rad2deg(c["yaw_rate"])}, "gyro", 'needs unit = "deg/s"'),
     (lambda c: {"speed": 3.6 * c["speed"]}, "encoder", 'needs unit = "km/h"'),
@@ -66,6 +74,12 @@ def test_each_mistake_is_named_with_its_remedy(log, change, what, remedy):
     assert list(found) == [what]
 
 
+@pytest.mark.parametrize("rows", [3990, 3800, 3411])
+def test_a_log_that_ends_while_the_car_drives_has_one_clock(log, rows):
+    found = " ".join(map(str, find({name: values[:rows] for name, values in log.items()})))
+    assert "needs delay" not in found
+
+
 @pytest.mark.parametrize(("change", "what", "remedy"), [
     (lambda c: {"y": -c["y"]}, "yaw", "y of [poses] needs sign = -1"),
     (lambda c: {"yaw": -c["yaw"]}, "yaw", "yaw of [poses] needs sign = -1"),
@@ -73,6 +87,21 @@ def test_each_mistake_is_named_with_its_remedy(log, change, what, remedy):
 def test_poses_and_commands_alone_show_their_mistakes(log, change, what, remedy):
     found = {f.what: f for f in find({**log, **change(log)}, without_sensors()) if f.severe}
     assert remedy in found[what].remedy
+
+
+def test_a_guess_takes_the_units_from_the_names(log):
+    scales = {"time_ms": ("t", 1e-3), "pos_x_mm": ("x", 1e-3), "pos_y_mm": ("y", 1e-3),
+              "heading_deg": ("yaw", np.pi / 180.0), "cmd_steer_pct": ("steering", 0.01),
+              "cmd_throttle_pct": ("throttle", 0.01), "wheel_speed_kmh": ("speed", 1.0 / 3.6),
+              "gyro_z_dps": ("yaw_rate", np.pi / 180.0)}
+    guess = guess_map([Table("log", {name: log[key] / unit
+                                     for name, (key, unit) in scales.items()})])
+    assert column_of(guess.map.poses.y) == Column(column="pos_y_mm", unit="mm")
+    assert column_of(guess.map.encoder.speed) == Column(column="wheel_speed_kmh", unit="km/h")
+    assert column_of(guess.map.gyro.yaw_rate) == Column(column="gyro_z_dps", unit="deg/s")
+    assert (guess.map.steering.kind, guess.map.throttle.kind) == ("command", "duty")
+    assert column_of(guess.map.steering.value).unit == "%"
+    assert [q.partition(":")[0] for q in guess.questions] == ["throttle"]
 
 
 def test_the_proposed_map_undoes_what_was_done_to_the_log(log):

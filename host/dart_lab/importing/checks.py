@@ -34,13 +34,15 @@ MIN_CORRELATION = 0.6
 MAX_SCALE_ERROR = 1.25
 # Ratios by which a mistaken unit is recognised, by the compared column, with a tolerance of 20 %.
 UNIT_RATIOS = {
-    "yaw": {57.29578: "deg"},
+    "yaw": {57.29578: "deg", 0.01745329: "rad"},
     "yaw_rate": {57.29578: "deg/s", 9.549297: "rpm"},
     "speed": {3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"},
     "pose_speed": {100.0: "cm", 1000.0: "mm"},
     "accel_y": {0.1019716: "g", 101.9716: "mg"},
 }
 UNIT_TOLERANCE = 1.2
+# m/s: 90 % quantile of a speed above which no car drives.
+MAX_SPEED = 100.0
 # s: offsets between two clocks that are tried, and from which on they are reported.
 MAX_CLOCK_OFFSET = 2.0
 MIN_CLOCK_OFFSET = 0.06
@@ -104,7 +106,8 @@ class GridData:
 def check_data(data: ImportedData) -> list[ImportFinding]:
     """Compare the streams with each other; see ``ImportFinding``.
 
-    1. The yaw angle with the direction of travel: axes, sign, unit, offset.
+    1. The poses alone: a speed that no car has; the yaw angle with the direction of travel: axes,
+       sign, unit, offset.
     2. The gyro with the yaw rate of the poses, the encoder with their speed, the accelerometer
        with yaw rate times speed: sign, unit, scale, clock.
     3. The steering with the curvature of the path, the throttle with the speed: sign; of a speed
@@ -113,11 +116,13 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     Poses that contradict themselves are reported alone: nothing can be compared with them.
     """
     g = resample(data)
-    findings = _check_yaw(g)
+    findings = _check_pose_speed(g) + _check_yaw(g)
     if any(f.severe for f in findings):
         return findings
     findings += _compare(g, "gyro", "yaw_rate", "pose_yaw_rate", "the yaw rate of the poses")
     findings += _compare(g, "encoder", "speed", "pose_speed", "the speed of the poses")
+    if any(f.what == "poses" for f in findings):
+        return findings
     rate = "pose_yaw_rate" if g.has("pose_yaw_rate") else "yaw_rate"
     speed = "pose_speed" if g.has("pose_speed") else "speed"
     if g.has(rate, speed, "accel_y"):
@@ -159,9 +164,10 @@ def resample(data: ImportedData) -> GridData:
 
 
 def _is_covered(t: FloatArray, stamps: FloatArray) -> BoolArray:
-    """Return which times (n,) are further than SMOOTHING_TIME from a gap of a stream."""
+    """Return which times (n,) are further than SMOOTHING_TIME from a gap and end of a stream."""
     gaps = np.nonzero(np.diff(stamps) > MAX_SAMPLE_GAP)[0]
-    covered = np.ones(len(t), dtype=np.bool_)
+    # At the ends a mean is that of one side, so the derivative of a position ends too slow.
+    covered: BoolArray = (t > stamps[0] + SMOOTHING_TIME) & (t < stamps[-1] - SMOOTHING_TIME)
     for k in gaps:
         covered &= (t < stamps[k] - SMOOTHING_TIME) | (t > stamps[k + 1] + SMOOTHING_TIME)
     return covered
@@ -185,6 +191,29 @@ def _is_large(values: FloatArray, share: float) -> BoolArray:
     """Return which samples (n,) exceed a share of the 90 % quantile of the magnitude."""
     size = np.abs(np.nan_to_num(values))
     return np.asarray(size > max(share * float(np.quantile(size, 0.9)), 1e-9))
+
+
+def _check_pose_speed(g: GridData) -> list[ImportFinding]:
+    """Refuse positions by which a car would be faster than any, as millimetres taken for metres."""
+    speed = float(np.quantile(g["pose_speed"], 0.9)) if g.has("pose_speed") else 0.0
+    if speed <= MAX_SPEED:
+        return []
+    units = '"mm" or "cm"'
+    if g.has("speed") and np.any(g["speed"]):
+        ratio = abs(_slope(np.abs(g["speed"]), g["pose_speed"]))
+        both = _find_units_of_both(ratio)
+        units = f'"{both[0]}"' if both else units
+    return [ImportFinding("poses", f"the car would drive at {speed:.0f} m/s",
+                          f"x and y of [poses] need unit = {units}", severe=True)]
+
+
+def _find_units_of_both(ratio: float) -> tuple[str, str] | None:
+    """Return the units of positions and encoder that a ratio of their speeds shows; "" = as is."""
+    found = [(abs(np.log(ratio * length / speed)), (unit, other))
+             for length, unit in UNIT_RATIOS["pose_speed"].items()
+             for speed, other in ((1.0, ""), (3.6, "km/h"))]
+    distance, units = min(found)
+    return units if distance < np.log(UNIT_TOLERANCE) else None
 
 
 def _check_yaw(g: GridData) -> list[ImportFinding]:
@@ -271,12 +300,11 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
     ratio = _slope(moved, expected)
     findings = []
     unit = _find_unit(name, ratio)
-    pose_unit = ""
-    if name == "speed" and ratio:
-        pose_unit = _find_unit("pose_speed", 1.0 / ratio)
-    if pose_unit:
-        return [ImportFinding(table, f"{key} is {ratio:.4g} times {words}",
-                              f'x and y of [poses] need unit = "{pose_unit}"', severe=True)]
+    both = _find_units_of_both(ratio) if name == "speed" and ratio > 0.0 and not unit else None
+    if both:
+        own = f', and {key} of [{table}] needs unit = "{both[1]}"' if both[1] else ""
+        return [ImportFinding("poses", f"{key} of [{table}] is {ratio:.4g} times {words}",
+                              f'x and y of [poses] need unit = "{both[0]}"{own}', severe=True)]
     if unit:
         findings.append(ImportFinding(table, f"{key} is {ratio:.4g} times {words}",
                                 f'{key} of [{table}] needs unit = "{unit}"', severe=True,

@@ -98,7 +98,7 @@ def _read_steering(mapping: ImportMap, read: ReadStream) -> Stream:
     if m.kind == "angle" and m.full_scale is not None:
         _check_angles(stream.values, m.full_scale)
     values = stream.values if m.full_scale is None else stream.values / m.full_scale
-    _check_commands("steering", values, m.kind)
+    _check_commands("steering", values, m.kind, m.full_scale)
     return Stream(stream.t, values)
 
 
@@ -108,7 +108,7 @@ def _read_throttle(mapping: ImportMap, read: ReadStream) -> Stream:
     stream = read("throttle", m, columns)
     values = stream.values[:, :1] if m.full_scale is None else stream.values[:, :1] / m.full_scale
     if m.kind != "speed":
-        _check_commands("throttle", values, m.kind)
+        _check_commands("throttle", values, m.kind, m.full_scale)
     if m.limit is not None:
         values = np.clip(values, -m.limit, m.limit)
     if m.gate:
@@ -152,14 +152,16 @@ def _check_angles(angles: FloatArray, full_scale: float) -> None:
             if worst < MAX_LOCK else 'state unit = "deg" or the scale of the value of [steering]')
 
 
-def _check_commands(name: str, values: FloatArray, kind: str) -> None:
+def _check_commands(name: str, values: FloatArray, kind: str, full_scale: float | None) -> None:
     worst = float(np.max(np.abs(values)))
     if worst > COMMAND_TOLERANCE:
         raise RecordingError(
             f"the {name} commands leave -1..1", found=f"largest magnitude {worst:.6g}",
             expected="at most 1 after unit, scale and full_scale",
             likely="another unit: per cent, degrees, microseconds, or an angle or a speed",
-            remedy=f"state unit, kind and full_scale of [{name}] in the map (kind is {kind!r})")
+            remedy=f"state unit, kind and full_scale of [{name}] in the map (kind is {kind!r}"
+            + (f", and full_scale = {full_scale:g} divides it: leave it out for a command)"
+               if full_scale else ")"))
 
 
 def _merge(steering: Stream, throttle: Stream) -> Stream:

@@ -67,8 +67,10 @@ NOT_A_POSITION = re.compile(r"acc|acl|vel|speed|gyr|omega|vx|covariance|angular|
 # Voltages of something else than the whole battery.
 NOT_OF_THE_PACK = re.compile(r"cell|motor|servo|logic|percent|5v|3v3|charge")
 COMMAND = re.compile(r"cmd|command|drive\.|ref|target|user/|pilot/")
-UNIT_IN_NAME = re.compile(r"[\[(_ ](m/s2|m/s|rad/s|deg/s|rad|deg|km/h|mm|cm|ms|us|ns|rpm|%|s|m|g)"
-                          r"[\])]?$")
+UNIT_IN_NAME = re.compile(r"[\[(_ ](m/s2|m/s|rad/s|deg/s|rad|deg|km/h|mm|cm|ms|us|ns|rpm|%|s|m|g|"
+                          r"kmh|kph|mps|dps|pct|percent)[\])]?$")
+UNIT_SPELLINGS = {"kmh": "km/h", "kph": "km/h", "mps": "m/s", "dps": "deg/s", "pct": "%",
+                  "percent": "%"}
 # A steering command above this [rad] is none in degrees; above 100 it is a pulse [us].
 MAX_STEERING_ANGLE = 1.0
 MIN_PULSE = 500.0
@@ -170,7 +172,7 @@ def _candidates(tables: Sequence[Table], role: str,
 def _column(name: str) -> Column:
     """Return a column with the unit that its name states."""
     unit = UNIT_IN_NAME.search(name.lower())
-    return Column(column=name, unit=unit.group(1) if unit else "1")
+    return Column(column=name, unit=UNIT_SPELLINGS.get(unit[1], unit[1]) if unit else "1")
 
 
 def _find_time(table: Table) -> Column | None:
@@ -210,7 +212,7 @@ def _add_poses(proposal: Proposal, tables: Sequence[Table]) -> None:
         return not NOT_A_POSITION.search(name)
 
     for table, x in _candidates(tables, "x", is_position):
-        y = re.sub(r"x(?=[^a-zA-Z0-9]*$|\()", "y", x, count=1)
+        y = re.sub(r"x(?=[^a-zA-Z0-9]*$|\(|_[mc]?m$)", "y", x, count=1)
         stem = re.sub(r"position\.x$|[ _./]?x$", "", x)
         yaws = [name for _, name in _candidates([table], "yaw")]
         yaws.sort(key=lambda name: not name.startswith(stem))
@@ -222,7 +224,7 @@ def _add_poses(proposal: Proposal, tables: Sequence[Table]) -> None:
         found = _search_poses(table)
         if found is not None:
             (x, y, yaw), agreement = found
-            columns = {"x": Column(column=x), "y": Column(column=y), "yaw": Column(column=yaw)}
+            columns = {"x": _column(x), "y": _column(y), "yaw": _column(yaw)}
             if _with_time(proposal, "poses", table, columns, "the direction of travel follows yaw "
                           f"({agreement:.0%})"):
                 return
@@ -288,6 +290,8 @@ def _set_kind(proposal: Proposal, stream: str, name: str, largest: float) -> Non
         replace(unit="us", zero=1500.0)
         proposal.questions.append(f"{stream}: pulses up to {largest:.0f} us; which one is neutral "
                                   "(zero), and what is half their range (full_scale)?")
+    elif column.unit == "%" and largest <= 100.0 * COMMAND_TOLERANCE:
+        proposal.evidence.append(f"{stream}: up to {largest:g} %")
     elif stream == "steering" and (largest > COMMAND_TOLERANCE or (
             re.search(r"angle|delta|rad|deg", low) and "user/" not in low)):
         degrees = column.unit == "deg" or largest > MAX_STEERING_ANGLE
@@ -301,8 +305,7 @@ def _set_kind(proposal: Proposal, stream: str, name: str, largest: float) -> Non
         replace(unit="m/s" if column.unit == "1" else column.unit)
     elif largest > COMMAND_TOLERANCE:
         replace(unit="%")
-        if largest > 100.0 or "%" not in low:
-            proposal.questions.append(f"{stream}: values up to {largest:g}; are they per cent?")
+        proposal.questions.append(f"{stream}: values up to {largest:g}; are they per cent?")
     if stream == "throttle" and settings.get("kind", "duty") == "duty":
         proposal.questions.append("throttle: is it the voltage share of the motor (kind duty), or "
                                   "the speed that a controller holds (kind speed)?")
