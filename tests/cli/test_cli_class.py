@@ -189,6 +189,25 @@ def test_a_healthy_car_is_right_without_a_fault(verb, lecturer):
     assert mark["fault_right"]
 
 
+def test_a_file_that_cannot_be_read_leaves_the_others_marked(verb, lecturer):
+    tasks = read_class(lecturer).tasks
+    for task in tasks[:2]:
+        save_model(model_of(PAPER), Path("handed_in") / task.car / "model.toml")
+    (Path("handed_in") / tasks[0].car / "model.toml").write_text("[body", encoding="utf-8")
+    lines = verb("class", "--lecturer", lecturer, "--mark", "handed_in").out.splitlines()
+    assert "cannot be read" in lines[0]
+    assert "model.toml is not valid TOML" in lines[0]
+    assert "no fault" in lines[1]
+    assert lines[2].endswith("nothing handed in")
+
+
+def test_a_folder_without_any_car_of_the_class_is_refused(verb, lecturer):
+    (Path("handed_in") / "monday" / read_class(lecturer).tasks[0].car).mkdir(parents=True)
+    error = verb("class", "--lecturer", lecturer, "--mark", "handed_in", "--json").error
+    assert error["found"] == "monday"
+    assert "one for each student" in error["expected"]
+
+
 def test_a_class_is_not_overwritten(verb, lecturer):
     assert "has a class already" in verb("class", "--students", 3, "--json").error["what"]
 

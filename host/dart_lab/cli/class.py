@@ -98,7 +98,8 @@ def _print_marks(marks: tuple[StudentMark, ...], as_json: bool) -> None:
         return
     for mark in marks:
         if mark.sheet is None:
-            print_line(f"{mark.student}: {mark.car}: nothing handed in")
+            print_line(f"{mark.student}: {mark.car}: " + (
+                f"cannot be read: {mark.unreadable}" if mark.unreadable else "nothing handed in"))
             continue
         # A model without effects is an answer, too: the car has no fault.
         found = "no model" if mark.found is None else ", ".join(mark.found) or "no fault"

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.core.errors import UsageError
+from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.core.url import Url
 from dart_lab.sim.marking import MarkingSheet, mark_car
@@ -29,6 +29,8 @@ SECRET_BYTES = 32
 # Of a seed, so that it cannot be found by trying.
 SEED_BYTES = 16
 MAX_STUDENTS = 500
+# Names of a wrong folder that an error lists.
+MAX_LISTED = 5
 # Faults of the tasks: smallest and largest size, in the unit of the catalogue. A refit would absorb
 # a weaker motor or a longer lag into parameters of the model, and every hidden car has play and a
 # limited rate of its servo. So only effects that are neither. How often the commands of the task
@@ -67,10 +69,10 @@ class Classroom:
 
 @dataclass(frozen=True, slots=True)
 class StudentMark:
-    """Marks of one student; sheet: None if nothing was handed in.
+    """Marks of one student; sheet: None if nothing was handed in, or nothing that can be read.
 
     fault: true fault and its size, empty for a healthy car. found: causes of the model that was
-    handed in, None without a model.
+    handed in, None without a model. unreadable: why a file cannot be read, else empty.
     """
 
     student: str
@@ -78,6 +80,7 @@ class StudentMark:
     fault: str
     found: tuple[str, ...] | None
     sheet: MarkingSheet | None
+    unreadable: str = ""
 
     @property
     def fault_right(self) -> bool:
@@ -89,7 +92,7 @@ class StudentMark:
         """Plain types."""
         return {"student": self.student, "car": self.car, "fault": self.fault,
                 "found": self.found, "fault_right": self.fault_right,
-                "sheet": self.sheet and self.sheet.to_json()}
+                "unreadable": self.unreadable, "sheet": self.sheet and self.sheet.to_json()}
 
 
 def make_class(students: Sequence[str], secret: bytes | None = None) -> Classroom:
@@ -180,14 +183,26 @@ def true_fault(task: StudentTask) -> str:
 
 
 def mark_class(classroom: Classroom, cars: Path) -> tuple[StudentMark, ...]:
-    """Mark what was handed in: the folders of all cars, in one folder."""
+    """Mark what was handed in: the folders of all cars, in one folder.
+
+    Raises UsageError for a folder without any car of the class.
+    """
+    if not any((cars / task.car).is_dir() for task in classroom.tasks):
+        raise UsageError(f"{cars} has no car of this class", found=", ".join(
+            sorted(path.name for path in cars.iterdir())[:MAX_LISTED]) or "an empty folder",
+            expected=f"folders such as {classroom.tasks[0].car}, one for each student",
+            remedy="copy the folders that were handed in into one folder, without a level between")
     return tuple(_mark_student(task, classroom.secret, cars) for task in classroom.tasks)
 
 
 def _mark_student(task: StudentTask, secret: bytes, cars: Path) -> StudentMark:
     folder = cars / task.car
     sheet = None
+    unreadable = ""
     if any((folder / name).is_file() for name in ("calibration.toml", "model.toml")):
-        sheet = mark_car(Url.parse(task.url), [cars], secret)
+        try:
+            sheet = mark_car(Url.parse(task.url), [cars], secret)
+        except DartHalError as error:  # the others are marked nevertheless
+            unreadable = f"{error.what}: {error.found}" if error.found else error.what
     found = sheet.causes if sheet is not None else None
-    return StudentMark(task.student, task.car, true_fault(task), found, sheet)
+    return StudentMark(task.student, task.car, true_fault(task), found, sheet, unreadable)

@@ -239,3 +239,14 @@ def test_every_quantity_can_be_set_and_read_by_its_name() -> None:
         assert Calibration(car="a").with_quantities({name: value}).quantities() == {name: value}
     with pytest.raises(ConfigError, match="no quantity"):
         Calibration(car="a").with_quantities({"pwm.hertz": Quantity(1, 1)})
+
+
+def test_the_example_car_is_there_outside_the_sources_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert load_car("dart-01").config.name == "dart-01"
+    with pytest.raises(ConfigError, match="no car gone") as refused:
+        load_car("gone", [Path("cars")])
+    assert refused.value.expected.count("cars,") == 1
+    source = refused.value.remedy.partition("; cp ")[2].split()[0]
+    assert Path(source).is_file()

@@ -30,6 +30,7 @@ from dart_hal.core.text_file import read_text
 EXAMPLE_CAR = "dart-01"
 # The example car inside an installed package (absent in a checkout).
 PACKAGED_EXAMPLE = Path(__file__).resolve().parents[2] / "cars" / EXAMPLE_CAR / "car.toml"
+SOURCE_EXAMPLE = Path(__file__).resolve().parents[4] / "cars" / EXAMPLE_CAR / "car.toml"
 
 # Number of default folders at the end of the search: ./cars and that of the home folder.
 DEFAULT_FOLDERS = 2
@@ -134,17 +135,15 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
             config = read_config(folder / "car.toml")
             return _with_measurements(config, measured_folder(name, cars_dirs),
                                       str(folder / "car.toml"), name)
-    # The example car of an installed package is used if the user has no copy of it.
+    # The example car of the package, or of its sources, is used if the user has no copy of it.
     home = measured_folder(name, cars_dirs)
-    if name == EXAMPLE_CAR and PACKAGED_EXAMPLE.is_file():
-        config = read_config(PACKAGED_EXAMPLE)
-        return _with_measurements(config, home, str(PACKAGED_EXAMPLE), name)
-    searched = ", ".join(str(folder.parent) for folder in folders)
+    example = PACKAGED_EXAMPLE if PACKAGED_EXAMPLE.is_file() else SOURCE_EXAMPLE
+    if name == EXAMPLE_CAR and example.is_file():
+        return _with_measurements(read_config(example), home, str(example), name)
+    searched = ", ".join(dict.fromkeys(str(folder.parent) for folder in folders))
     from difflib import get_close_matches
 
     close = get_close_matches(name, _list_existing_cars(cars_dirs), n=1)
-    example = (PACKAGED_EXAMPLE if PACKAGED_EXAMPLE.is_file()
-               else Path("cars") / EXAMPLE_CAR / "car.toml")
     raise ConfigError(f"there is no car {name}", found=_describe_existing_cars(cars_dirs),
                       expected=f"{name}/car.toml in {searched}",
                       remedy=(f"--car {close[0]}; for a new car: " if close else "")
