@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import re
 
 import pytest
@@ -111,3 +112,14 @@ def test_every_cause_that_the_code_names_has_its_words():
     named = {name for text in sources for name in calls.findall(text) + guard.findall(text)}
     assert {"COMMAND_INVALID", "PCA_READBACK", "CUT_OFF", "GUARD_SILENT"} <= named
     assert named - {"CAR_MOVES"} <= set(TRIPS)
+
+
+@pytest.mark.parametrize(("arms", "throttle", "told"), [
+    (False, 0.2, True), (False, 0.0, False), (True, 0.2, False)])
+def test_a_program_that_forgot_to_arm_is_told_at_its_end(arms, throttle, told, caplog):
+    with caplog.at_level(logging.WARNING, "dart_hal"), Car.open(MOCK_1_URL) as car:
+        if arms:
+            car.arm()
+        for _ in car.states(duration=0.1):
+            car.drive(throttle=throttle)
+    assert any("did not call car.arm()" in m for m in caplog.messages) is told

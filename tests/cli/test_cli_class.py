@@ -205,7 +205,7 @@ def test_a_folder_without_any_car_of_the_class_is_refused(verb, lecturer):
     (Path("handed_in") / "monday" / read_class(lecturer).tasks[0].car).mkdir(parents=True)
     error = verb("class", "--lecturer", lecturer, "--mark", "handed_in", "--json").error
     assert error["found"] == "monday"
-    assert "one for each student" in error["expected"]
+    assert "has no car of this class" in error["what"]
 
 
 def test_a_class_is_not_overwritten(verb, lecturer):

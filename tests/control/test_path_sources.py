@@ -117,6 +117,16 @@ def test_what_is_no_path(tmp_path, text, match):
     assert refused.value.read == str(file)
 
 
+@pytest.mark.parametrize(("closed", "remedy"), [(True, "leave the last point out"),
+                                                (False, "remove one")])
+def test_points_that_repeat_state_which_one_to_leave_out(closed, remedy):
+    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    points = [*corners, corners[0 if closed else -1]]
+    with pytest.raises(UsageError, match="are the same") as refused:
+        Path.through(points, closed=closed)
+    assert remedy in str(refused.value)
+
+
 def square(side=4.0, n=80):
     """Points of a rounded square, not repeated at its end."""
     a = np.linspace(0.0, 2.0 * pi, n, endpoint=False)

@@ -115,6 +115,9 @@ class Car:
         self._closed = False
         self._reported: set[str] = set()
         self._requested: tuple[float, float] | None = None
+        # Whether throttle was commanded while the car was not armed, and whether it ever was.
+        self._was_ignored = False
+        self._was_armed = False
         self._recorder = Recorder(self._engine, files, record)
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -243,6 +246,8 @@ class Car:
         if self._closed:
             return
         self._closed = True
+        if self._was_ignored and not self._was_armed:
+            log.warning("the throttle stayed at neutral: the program did not call car.arm()")
         # The steps run from the last to the first, each also after an error of another:
         # engine (neutral), thread, recording, backend, exit handler.
         with ExitStack() as steps:
@@ -363,6 +368,8 @@ class Car:
         self._refuse_if_disarmed()
         with self._commanding() as now:
             planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
+            if throttle and engine.driver.mode is ArmState.DISARMED:
+                self._was_ignored = True
             self._requested = (steering, throttle)
             self._recorder.command(now, steering, throttle, source)
             return engine.driver.applied if engine.answer() else planned
@@ -530,6 +537,7 @@ class Car:
                 self.note("waived", {"reasons": ", ".join(waive)})
         try:
             yield from self._until_armed()
+            self._was_armed = True
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
             self.stop()
             raise

@@ -224,11 +224,13 @@ def check_points(points: Any, closed: bool) -> FloatArray:
     gaps = np.hypot(*np.diff(np.vstack([xy, xy[:1]]) if closed else xy, axis=0).T)
     if (gaps < MAX_GAP).any():
         k = int(np.argmax(gaps < MAX_GAP))
+        closes = closed and k == len(xy) - 1
         raise UsageError(f"points {k + 1} and {(k + 1) % len(xy) + 1} of the path are the same",
                          found=f"{xy[k, 0]:g}, {xy[k, 1]:g} m twice",
                          expected="points that go on",
-                         remedy="remove one; only the last may repeat the first, which closes "
-                                "the path of a file")
+                         remedy="leave the last point out: a closed path goes on to the first"
+                                if closes else "remove one; only the last may repeat the first, "
+                                "which closes the path of a file")
     return xy
 
 

@@ -80,7 +80,8 @@ class LinkLost(DartHalError, ConnectionError):
     """The stream stopped or the port vanished."""
 
     code = "D-LINK-06"
-    likely_default = "cable pulled out, Nano without power, or its USB bridge reset"
+    likely_default = ("cable pulled out, Nano without power, its USB bridge reset, or this program "
+                      "suspended")
     remedy_default = "plug it in again, then dart-hal doctor"
 
 

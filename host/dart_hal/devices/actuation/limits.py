@@ -76,10 +76,12 @@ def parse_command(steering: object, throttle: object, valid_for: object, source:
     owner = f"source {source}"
     angle = to_finite("steering", steering, owner)
     part = to_finite("throttle", throttle, owner)
-    for name, value, unit in (("steering", angle, "rad"), ("throttle", part, "of full throttle")):
+    for name, value, expected, likely in (
+            ("steering", angle, "an angle in rad", "degrees"),
+            ("throttle", part, "-1 to 1", "per cent")):
         if abs(value) > MAX_PLAUSIBLE:
-            raise BadCommand(f"{name} of {owner} is implausible", found=f"{value:g} {unit}",
-                             expected=f"at most {MAX_PLAUSIBLE:g} {unit}; degrees or per cent?")
+            raise BadCommand(f"{name} of {owner} is implausible", found=f"{value:g}",
+                             expected=expected, likely=likely)
     seconds = limit_validity(valid_for, owner)
     return SourceCommand(angle, part, to_finite("now", now, owner) + seconds, source,
                          seconds < to_finite("valid_for", valid_for, owner))
