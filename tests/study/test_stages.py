@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_any
+from dart_hal.core.config.model import Covariance
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import Reference
+from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.sets import PAPER
 from dart_lab.study import StageResult, Study, load_results, run_stage, split_recordings
+from dart_lab.study.stages import describe_changes
 from tests.identification.test_speed_loop_fit import driven
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
@@ -61,6 +66,19 @@ def test_identifiability_names_what_is_missing_and_what_to_drive(study):
     assert determined["tyres.rear_cornering_stiffness"]
     assert not determined["friction.b"]
     assert any("coast" in line for line in result.lines)
+
+
+def test_what_a_fit_changed_is_stated_in_quantities_of_the_workshop():
+    names = ("steering.s0", "steering.k_left", "delay.steering_lag_s", "friction.a")
+    stds = (0.005, 0.5, 0.004, 0.3)
+    fitted = with_values(PAPER, {"steering.s0": 0.12, "delay.steering_lag_s": 0.08})
+    joint = Covariance(names=names, matrix=tuple(map(tuple, np.diag(np.square(stds)).tolist())))
+    first, *others = describe_changes(PAPER, fitted, joint)
+    assert first.startswith("time from steering command to wheel: delay and lag")
+    assert first.endswith("+- 4 ms")
+    assert any(text.startswith("steering map: angle straight on") for text in others)
+    assert not any("resistance" in text for text in others)
+    assert describe_changes(PAPER, fitted, None) == []
 
 
 def test_a_stage_without_its_model_is_refused(study):

@@ -18,7 +18,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dart_hal.core.config import ModelFile, load_model, save_model
+from dart_hal.core.config.model import Covariance
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.plain_json import plain
 from dart_hal.core.process.jobs import choose_processes
@@ -26,10 +29,14 @@ from dart_hal.recording.check import RecordingCheck, check
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
+from dart_hal.vehicle.flat import value, with_values
 from dart_hal.vehicle.load import vehicle_of
+from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.scale import find_scale
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.motion import driving_seconds
+from dart_lab.diagnosis.parameters.groups import make_groups
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.report.explain import describe_cause
@@ -55,6 +62,10 @@ STAGES = {
 }
 # Share of the recordings that test, by number and start time: the last third.
 TEST_SHARE = 1.0 / 3.0
+# Standard errors that a fit changes a quantity by at least, to be described; how many of them are
+# in the verdict.
+MIN_CHANGE_STDS = 2.0
+MOST_LEARNT = 3
 # Horizon [s] at which the errors of a stage are stated.
 HORIZON = 1.0
 # Channels of an evaluation, in words.
@@ -252,9 +263,42 @@ def _fit(study: Study, progress: Progress | None) -> StageResult:
         rows += [(f"{name}.{key}", f"{e.value:.4g}", f"{e.std:.2g}", e.unit,
                   "yes" if e.identifiable else "no") for key, e in fit.parameters.items()]
     notes = list(dict.fromkeys(note for fit in outcome.fits.values() for note in fit.notes))
-    return StageResult("fit", f"fitted: {', '.join(written.sections)}", (
-        *notes, *(f"{name} was left out: {why}" for name, why in written.left_out.items()),
+    learnt = describe_changes(vehicle_of(_start_model(study, train)), vehicle_of(written.model),
+                              outcome.joint)
+    most = "; learnt most: " + "; ".join(learnt[:MOST_LEARNT]) if learnt else ""
+    return StageResult("fit", f"fitted: {', '.join(written.sections)}{most}", (
+        *learnt[MOST_LEARNT:], *notes,
+        *(f"{name} was left out: {why}" for name, why in written.left_out.items()),
         f"written: {study.folder / FITTED_MODEL}"), tuple(rows), outcome.to_json())
+
+
+def describe_changes(start: Vehicle, fitted: Vehicle, joint: Covariance | None) -> list[str]:
+    """Describe what a fit changed in quantities that a workshop knows, most significant first.
+
+    joint: covariance of the fitted parameters; without one, nothing is described.
+
+    Example:
+        >>> describe_changes(start, fitted, fit.joint)[0]
+        'steering map: angle straight on 0.63 -> 3.14 +- 0.17 deg'
+    """
+    if joint is None:
+        return []
+    covariance = np.array(joint.matrix)
+    at = {name: value(fitted, name) for name in joint.names}
+    # Steps of a thousandth of the standard error, upwards: a delay may be at its bound of 0.
+    steps = 1e-3 * np.sqrt(np.diag(covariance))
+    moved = [with_values(fitted, {name: at[name] + step})
+             for name, step in zip(joint.names, steps, strict=True)]
+    found = []
+    for group in make_groups(find_scale(fitted.body).speed).values():
+        for name, (unit, quantity) in group.quantities.items() if group.select(joint.names) else ():
+            before, after = quantity(start), quantity(fitted)
+            slope = (np.array([quantity(vehicle) for vehicle in moved]) - after) / steps
+            std = math.sqrt(slope @ covariance @ slope)
+            if abs(after - before) > MIN_CHANGE_STDS * std:
+                found.append((abs(after - before) / std, f"{group.title}: {name} {before:.3g} -> "
+                              f"{after:.3g} +- {std:.2g}{'' if unit == '-' else ' ' + unit}"))
+    return [text for _, text in sorted(found, reverse=True)]
 
 
 def _load_fitted_model(study: Study) -> ModelFile:

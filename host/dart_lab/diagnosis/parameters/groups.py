@@ -123,13 +123,13 @@ def make_groups(speed: float) -> Mapping[str, ParameterGroup]:
     return MappingProxyType({
         "friction": ParameterGroup(
             "friction", ("friction.*",),
-            {f"resistance at {speed:g} m/s": ("N", _resistance(speed)),
-             f"resistance at {2 * speed:g} m/s": ("N", _resistance(2.0 * speed))},
+            {f"resistance at {speed:.3g} m/s": ("N", _resistance(speed)),
+             f"resistance at {2 * speed:.3g} m/s": ("N", _resistance(2.0 * speed))},
             "Coast down straight on from several speeds, throttle 0: friction alone acts."),
         "motor": ParameterGroup(
             "motor", ("motor.[deg]",),
             {"pull at throttle 0.25, standing": ("N", _motor_force(USUAL_THROTTLE, 0.0)),
-             f"pull at throttle 0.25, {2 * speed:g} m/s": (
+             f"pull at throttle 0.25, {2 * speed:.3g} m/s": (
                  "N", _motor_force(USUAL_THROTTLE, 2.0 * speed))},
             "Steps of the throttle from standstill to several levels, straight on: the first "
             "acceleration is the motor's."),
@@ -162,7 +162,7 @@ def make_groups(speed: float) -> Mapping[str, ParameterGroup]:
         "rear tyre": ParameterGroup(
             "rear tyres", ("tyres.rear*",),
             {"initial cornering stiffness": ("N/rad", _stiffness(1))},
-            f"Steps of the steering at {1.5 * speed:g} m/s and more: how far the rear swings out."),
+            f"Steps of the steering at {1.5 * speed:.3g} m/s and more: how far the rear swings out."),
         "wheelbase": ParameterGroup(
             "wheelbase of car.toml", ("body.wheelbase",),
             {"axle to axle": ("m", _size("wheelbase"))},
@@ -190,11 +190,11 @@ def merge_groups(speed: float) -> Mapping[frozenset[str], tuple[str, str, Quanti
     return MappingProxyType({
         frozenset({"friction", "motor"}): (
             "drive force", "drive force (motor and friction)",
-            {f"throttle that holds {speed:g} m/s": ("-", holding_throttle(speed)),
+            {f"throttle that holds {speed:.3g} m/s": ("-", holding_throttle(speed)),
              "pull at throttle 0.25, standing": ("N", _motor_force(USUAL_THROTTLE, 0.0))}),
         frozenset({"friction", "speed loop"}): (
             "speed loop and friction", "drive force (speed loop and friction)",
-            {f"command that holds {speed:g} m/s": ("m/s", holding_throttle(speed)),
+            {f"command that holds {speed:.3g} m/s": ("m/s", holding_throttle(speed)),
              "force per m/s below the command": ("N s/m", _loop_value("gain"))}),
         frozenset({"front tyre", "rear tyre"}): (
             "tyres", "front and rear tyres",
