@@ -25,6 +25,7 @@ from dart_lab.diagnosis.report.summary import (
 )
 from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Claim, ParameterEstimate, QuantityChange, Unexplained
+from dart_lab.diagnosis.servo import TYRE_CAUTION
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report.numbers import describe_change, significant
 from tests.diagnosis import made_by_hand as made
@@ -93,6 +94,10 @@ def test_a_problem_of_the_data_comes_first():
     assert "problem" not in summary_lines(d)[-1]
     loop = replace(d, notes=("not candidates, because the motor has a speed loop: pwm_clock",))
     assert "problem" not in summary_lines(loop)[-1]
+    # A caution of the method is shown, and is nothing that a user solves.
+    tyres = replace(d, notes=(TYRE_CAUTION,))
+    assert summary_lines(tyres)[-1] == summary_lines(d)[-1]
+    assert "do not rely on" in page(tyres).lower()
     both = replace(d, notes=(CLOCKS, "b.csv: the encoder is dead"),
                    late_commands=LATE_FINDING,
                    files={"b.csv": {"why": [DEAD]}, "c.csv": {"why": [FROZEN, "other"]}})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dart_lab.diagnosis.result import Cause, Diagnosis
+from dart_lab.diagnosis.servo import TYRE_CAUTION
 from dart_lab.identification.evaluation.cases import short
 
 from .words import late_commands
@@ -30,7 +31,8 @@ MIN_WINDOWS_OF_SIZE = 2
 def data_problems(d: Diagnosis) -> list[str]:
     """List the problems of the recordings with a remedy each, the most severe first."""
     out = [f"{n[:1].upper()}{n[1:].rstrip('.')}." for n in d.notes if not (
-        n.startswith(SIZES_ASSUMED) or "encoder is dead" in n or n in neutral_notes(d))]
+        n.startswith(SIZES_ASSUMED) or n == TYRE_CAUTION or "encoder is dead" in n
+        or n in neutral_notes(d))]
     if d.late_commands:
         out.append(f"{COMMANDS_LOST} {late_commands(d.late_commands)}.")
     return out + [f"{why[:1].upper()}{why[1:]}, in {short(name)}. {remedy}"
@@ -39,8 +41,9 @@ def data_problems(d: Diagnosis) -> list[str]:
 
 
 def model_problems(d: Diagnosis) -> list[str]:
-    """List what was assumed of the model: its sizes, and its parameters if none was fitted."""
-    assumed = [f"A{n[1:]}." for n in d.notes if n.startswith(SIZES_ASSUMED)]
+    """List what limits the model: assumed sizes, parameters that were not fitted, cautions."""
+    assumed = [f"{n[0].upper()}{n[1:]}." for n in d.notes
+               if n.startswith(SIZES_ASSUMED) or n == TYRE_CAUTION]
     return assumed + [NOT_FITTED] * (not d.refitted)
 
 
