@@ -57,7 +57,8 @@ class MeasuredNumber(click.ParamType):  # type: ignore[type-arg]
         except ValueError:
             parts = None
         if parts is None:
-            self.fail(f"{value!r} is not VALUE+-STD, such as 0.325+-0.002", param, ctx)
+            self.fail(f"{value!r} is not VALUE+-STD, such as 0.325+-0.002; STD is half of what the "
+                      "value may be off by", param, ctx)
         if not (isfinite(size) and isfinite(std) and size > 0.0 and std > 0.0):
             self.fail(f"{value!r}: value and standard error must be finite and above 0", param, ctx)
         return Quantity(size, std)
