@@ -162,7 +162,8 @@ def make_groups(speed: float) -> Mapping[str, ParameterGroup]:
         "rear tyre": ParameterGroup(
             "rear tyres", ("tyres.rear*",),
             {"initial cornering stiffness": ("N/rad", _stiffness(1))},
-            f"Steps of the steering at {1.5 * speed:.3g} m/s and more: how far the rear swings out."),
+            f"Steps of the steering at {1.5 * speed:.3g} m/s and more: how far the rear swings "
+            "out."),
         "wheelbase": ParameterGroup(
             "wheelbase of car.toml", ("body.wheelbase",),
             {"axle to axle": ("m", _size("wheelbase"))},
