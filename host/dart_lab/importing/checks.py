@@ -42,7 +42,7 @@ UNIT_RATIOS = {
 }
 UNIT_TOLERANCE = 1.2
 # m/s: 90 % quantile of a speed above which no car drives.
-MAX_SPEED = 100.0
+MAX_POSE_SPEED = 100.0
 # s: offsets between two clocks that are tried, and from which on they are reported.
 MAX_CLOCK_OFFSET = 2.0
 MIN_CLOCK_OFFSET = 0.06
@@ -196,7 +196,7 @@ def _is_large(values: FloatArray, share: float) -> BoolArray:
 def _check_pose_speed(g: GridData) -> list[ImportFinding]:
     """Refuse positions by which a car would be faster than any, as millimetres taken for metres."""
     speed = float(np.quantile(g["pose_speed"], 0.9)) if g.has("pose_speed") else 0.0
-    if speed <= MAX_SPEED:
+    if speed <= MAX_POSE_SPEED:
         return []
     units = '"mm" or "cm"'
     if g.has("speed") and np.any(g["speed"]):

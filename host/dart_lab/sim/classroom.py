@@ -30,7 +30,7 @@ SECRET_BYTES = 32
 SEED_BYTES = 16
 MAX_STUDENTS = 500
 # Names of a wrong folder that an error lists.
-MAX_LISTED = 5
+MAX_LISTED_FOLDERS = 5
 # Faults of the tasks: smallest and largest size, in the unit of the catalogue. A refit would absorb
 # a weaker motor or a longer lag into parameters of the model, and every hidden car has play and a
 # limited rate of its servo. So only effects that are neither. How often the commands of the task
@@ -189,7 +189,7 @@ def mark_class(classroom: Classroom, cars: Path) -> tuple[StudentMark, ...]:
     """
     if not any((cars / task.car).is_dir() for task in classroom.tasks):
         raise UsageError(f"{cars} has no car of this class", found=", ".join(
-            sorted(path.name for path in cars.iterdir())[:MAX_LISTED]) or "an empty folder",
+            sorted(path.name for path in cars.iterdir())[:MAX_LISTED_FOLDERS]) or "an empty folder",
             expected=f"folders such as {classroom.tasks[0].car}, one for each student",
             remedy="copy the folders that were handed in into one folder, without a level between")
     return tuple(_mark_student(task, classroom.secret, cars) for task in classroom.tasks)

@@ -292,7 +292,8 @@ def describe_changes(start: Vehicle, fitted: Vehicle, joint: Covariance | None) 
     found = []
     for group in make_groups(find_scale(fitted.body).speed).values():
         for name, (unit, quantity) in group.quantities.items() if group.select(joint.names) else ():
-            before, after = quantity(start), quantity(fitted)
+            before = quantity(start)
+            after = quantity(fitted)
             slope = (np.array([quantity(vehicle) for vehicle in moved]) - after) / steps
             std = math.sqrt(slope @ covariance @ slope)
             if abs(after - before) > MIN_CHANGE_STDS * std:
