@@ -70,6 +70,15 @@ def test_a_damaged_log_leaves_nothing_behind(verb, log):
         assert sorted(p.name for p in log.iterdir()) == ["log.csv", "map.toml"]
 
 
+def test_a_last_line_that_is_cut_off_is_stated(verb, log):
+    text = (log / "log.csv").read_text()
+    (log / "log.csv").write_text(text[:-40])
+    ran = verb("data", "import", log / "log.csv", "--map", log / "map.toml",
+               "--out", log / "run.mcap")
+    assert ran.code == 0
+    assert f"dropped: log.csv: the last line, {len(text.splitlines())}, which is cut off" in ran.out
+
+
 def test_a_proposed_map_imports_the_log(verb, log):
     ran = verb("data", "import", log / "log.csv", "--guess", "--out", log / "guess.toml")
     assert ran.code == 0

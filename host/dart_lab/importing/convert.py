@@ -50,7 +50,8 @@ def convert_tables(tables: Sequence[Table], mapping: ImportMap, text: str = "",
     map: a column or topic that is not there, text in a number, too many empty cells, a time that
     steps back, commands beyond -1..1, streams that do not overlap.
     """
-    changes: list[str] = []
+    changes = [f"{table.name}: the last line, {table.cut_line}, which is cut off"
+               for table in tables if table.cut_line]
     used: dict[str, str] = {}
 
     def read(name: str, stream: StreamColumns, columns: Columns) -> Stream:

@@ -34,13 +34,14 @@ class Table:
 
     name: file name, or topic of a bag. columns: values (n,) by name; NaN where a cell is empty.
     text_columns: columns with text, by name, with the first such line and cell. source: file and
-    its SHA-256.
+    its SHA-256. cut_line: number of a last line that was not written to its end, else 0.
     """
 
     name: str
     columns: Mapping[str, FloatArray]
     text_columns: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     source: tuple[str, str] = ("", "")
+    cut_line: int = 0
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -119,8 +120,8 @@ def read_csv(path: Path) -> Table:
         raise RecordingError(f"{path}: a header but no rows", found="0 rows", read=str(path),
                              expected="at least one row of numbers", remedy="leave this file out")
     _check_names(names, path)
-    columns, text_columns = _parse_rows(rows, names, delimiter, path)
-    return Table(path.name, columns, text_columns, (str(path), digest))
+    columns, text_columns, cut_line = _parse_rows(rows, names, delimiter, path)
+    return Table(path.name, columns, text_columns, (str(path), digest), cut_line)
 
 
 def _check_names(names: Sequence[str], path: Path) -> None:
@@ -165,22 +166,27 @@ def _number(cell: str, delimiter: str) -> float | None:
 
 
 def _parse_rows(rows: Sequence[tuple[int, str]], names: Sequence[str], delimiter: str, path: Path
-                ) -> tuple[dict[str, FloatArray], dict[str, tuple[int, str]]]:
-    """Return (columns, columns with text). Fast if all cells are numbers, else cell by cell."""
+                ) -> tuple[dict[str, FloatArray], dict[str, tuple[int, str]], int]:
+    """Return (columns, columns with text, number of a last line that is cut off, else 0).
+
+    Fast if all cells are numbers, else cell by cell.
+    """
     try:
         values = np.loadtxt(io.StringIO("\n".join(line for _, line in rows)), ndmin=2,
                             delimiter=None if delimiter == " " else delimiter, comments=None)
         if values.shape[1] == len(names):
-            return {name: values[:, i] for i, name in enumerate(names)}, {}
+            return {name: values[:, i] for i, name in enumerate(names)}, {}, 0
     except ValueError:
         pass  # a cell is empty or text
     out = np.full((len(rows), len(names)), np.nan)
     text: dict[str, tuple[int, str]] = {}
+    cut_line = 0
     for i, (line, content) in enumerate(rows):
         cells = _split(content, delimiter)
         if len(cells) != len(names):
             if i == len(rows) - 1 and len(cells) < len(names):
                 out = out[:i]  # the recorder was stopped within the last line
+                cut_line = line
                 break
             raise RecordingError(
                 f"{path}: line {line} has {len(cells)} cells, the header has {len(names)}",
@@ -192,7 +198,7 @@ def _parse_rows(rows: Sequence[tuple[int, str]], names: Sequence[str], delimiter
                 text.setdefault(names[k], (line, cell[:MAX_QUOTED_LENGTH]))
             else:
                 out[i, k] = number
-    return {name: out[:, i] for i, name in enumerate(names)}, text
+    return {name: out[:, i] for i, name in enumerate(names)}, text, cut_line
 
 
 def table_from_frame(frame: Any, name: str = "frame") -> Table:
