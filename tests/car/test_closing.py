@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import pytest
 
 from dart_hal.car import Car
@@ -49,6 +51,31 @@ def test_close_ends_at_no_pulse_and_lets_go(tmp_path):
     car.close()
     assert no_pulse(backend.bus)
     assert closed == ["bus"]
+    assert car.mode == "CLOSED"
+
+
+class FailingLog(logging.Handler):
+    """Fails at the warning that the car was never armed."""
+
+    def emit(self, record):
+        if "car.arm()" in record.getMessage():
+            raise OSError("disk full")
+
+
+def test_a_log_that_fails_at_the_end_leaves_no_pulse_and_no_port():
+    handler = FailingLog()
+    logger = logging.getLogger("dart_hal")
+    logger.addHandler(handler)
+    try:
+        backend = open_backend(MOCK_URL)
+        car = Car.over(backend)
+        for _ in car.states(duration=0.1):
+            car.drive(throttle=0.2)
+        with pytest.raises(OSError, match="disk full"):
+            car.close()
+    finally:
+        logger.removeHandler(handler)
+    assert no_pulse(backend.bus)
     assert car.mode == "CLOSED"
 
 

@@ -114,12 +114,12 @@ def test_every_cause_that_the_code_names_has_its_words():
     assert named - {"CAR_MOVES"} <= set(TRIPS)
 
 
-@pytest.mark.parametrize(("arms", "throttle", "told"), [
+@pytest.mark.parametrize(("arms", "throttle", "warned"), [
     (False, 0.2, True), (False, 0.0, False), (True, 0.2, False)])
-def test_a_program_that_forgot_to_arm_is_told_at_its_end(arms, throttle, told, caplog):
+def test_a_program_that_did_not_arm_is_warned_at_its_end(arms, throttle, warned, caplog):
     with caplog.at_level(logging.WARNING, "dart_hal"), Car.open(MOCK_1_URL) as car:
         if arms:
             car.arm()
         for _ in car.states(duration=0.1):
             car.drive(throttle=throttle)
-    assert any("did not call car.arm()" in m for m in caplog.messages) is told
+    assert any("did not call car.arm()" in m for m in caplog.messages) is warned

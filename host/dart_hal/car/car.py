@@ -115,9 +115,9 @@ class Car:
         self._closed = False
         self._reported: set[str] = set()
         self._requested: tuple[float, float] | None = None
-        # Whether throttle was commanded while the car was not armed, and whether it ever was.
+        # Whether throttle was commanded while the car was not armed, and whether arm() was called.
         self._was_ignored = False
-        self._was_armed = False
+        self._arm_called = False
         self._recorder = Recorder(self._engine, files, record)
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -246,11 +246,10 @@ class Car:
         if self._closed:
             return
         self._closed = True
-        if self._was_ignored and not self._was_armed:
-            log.warning("the throttle stayed at neutral: the program did not call car.arm()")
         # The steps run from the last to the first, each also after an error of another:
         # engine (neutral), thread, recording, backend, exit handler.
         with ExitStack() as steps:
+            steps.callback(self._warn_if_never_armed)
             steps.callback(self._timer.report_overruns, waits=self._engine.backend.virtual)
             steps.callback(atexit.unregister, self.close)
             steps.callback(self._engine.backend.close)
@@ -258,6 +257,11 @@ class Car:
             if self._pump is not None:
                 steps.callback(self._pump.stop)
             steps.callback(self._engine.close)
+
+    def _warn_if_never_armed(self) -> None:
+        """Warn about a program that commanded throttle and did not call ``arm``."""
+        if self._was_ignored and not self._arm_called:
+            log.warning("the throttle stayed at neutral: the program did not call car.arm()")
 
     def _release_in_child(self) -> None:
         """Give up the car in a forked child, where it still belongs to the parent."""
@@ -528,6 +532,7 @@ class Car:
             'ARMED'
         """
         engine = self._engine
+        self._arm_called = True
         if engine.backend.bus is None:
             return
         yield from self._until_good()
@@ -537,7 +542,6 @@ class Car:
                 self.note("waived", {"reasons": ", ".join(waive)})
         try:
             yield from self._until_armed()
-            self._was_armed = True
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
             self.stop()
             raise
