@@ -1,6 +1,6 @@
 """Hours of one drive along a path: does memory grow, does the car drift from the path?
 
-    python -m studies.control.long_drive                  8 hours, 75 minutes of CPU
+    python -m studies.control.long_drive                  8 hours, some two hours of CPU
     python -m studies.control.long_drive --hours 0.2      a try
 
 One hidden car (MockNano, motion capture, virtual time) drives laps of ``racetrack_vicon_2``. A line
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import cos, inf, sin, sqrt
 from pathlib import Path
+from unittest.mock import patch
 
 import dart_lab.sim.world
 from dart_hal.car import Car
@@ -65,8 +66,8 @@ def drive(seconds: float, seed: int, speed: float, tracker: str = "lqr",
 
     Raises RuntimeError if the drive ends before its time.
     """
-    dart_lab.sim.world._MAX_RECORDS = KEPT_RECORDS
-    with tempfile.TemporaryDirectory() as folder:
+    with (patch.object(dart_lab.sim.world, "_MAX_RECORDS", KEPT_RECORDS),
+          tempfile.TemporaryDirectory() as folder):
         url = f"sim://?seed={seed}&nano=mock&mocap=1"
         write_files(url, seed, Path(folder))
         backend = open_backend(url)
@@ -80,7 +81,7 @@ def drive(seconds: float, seed: int, speed: float, tracker: str = "lqr",
             along = begun = end = 0.0
             errors: list[float] = []
             for i, state in enumerate(car.states()):
-                steering, wanted = follower.answer(state.estimate.predict(car.now))
+                steering, target = follower.answer(state.estimate.predict(car.now))
                 if follower.phase in (Phase.STOPPING, Phase.ENDED):
                     raise RuntimeError(f"after {state.t:.0f} s: {follower.why}")
                 if follower.phase is Phase.WAITING:
@@ -89,7 +90,7 @@ def drive(seconds: float, seed: int, speed: float, tracker: str = "lqr",
                     car.arm()
                     begun = state.t + SETTLING_S
                     along, end = follower.begun_at, begun + seconds / PARTS
-                car.drive_speed(steering=steering, speed=wanted)
+                car.drive_speed(steering=steering, speed=target)
                 on_state(state)
                 if i % CHECKED_STATES:
                     continue
