@@ -29,7 +29,7 @@ from dart_hal.recording.check import RecordingCheck, check
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.one_car import caution_several_cars, refuse_several_cars
 from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
-from dart_hal.vehicle.flat import value, with_values
+from dart_hal.vehicle.flat import replace_unchecked, value
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.scale import find_scale
@@ -62,10 +62,12 @@ STAGES = {
 }
 # Share of the recordings that test, by number and start time: the last third.
 TEST_SHARE = 1.0 / 3.0
-# Standard errors that a fit changes a quantity by at least, to be described; how many of them are
-# in the verdict.
+# Standard errors that a fit changes a quantity by at least, to be described: by chance 1 in 22. How
+# many of them are in the verdict: what fits into two lines.
 MIN_CHANGE_STDS = 2.0
 MOST_LEARNT = 3
+# Of a derivative, where a parameter is on its bound and has no standard error.
+SMALLEST_STEP = 1e-9
 # Horizon [s] at which the errors of a stage are stated.
 HORIZON = 1.0
 # Channels of an evaluation, in words.
@@ -285,10 +287,12 @@ def describe_changes(start: Vehicle, fitted: Vehicle, joint: Covariance | None) 
         return []
     covariance = np.array(joint.matrix)
     at = {name: value(fitted, name) for name in joint.names}
-    # Steps of a thousandth of the standard error, upwards: a delay may be at its bound of 0.
-    steps = 1e-3 * np.sqrt(np.diag(covariance))
-    moved = [with_values(fitted, {name: at[name] + step})
-             for name, step in zip(joint.names, steps, strict=True)]
+    # Steps of a thousandth of the standard error, upwards: a delay may be at its bound of 0. They
+    # are unchecked, because another parameter may be at its upper bound.
+    steps = np.maximum(1e-3 * np.sqrt(np.diag(covariance)), SMALLEST_STEP)
+    moved = [replace_unchecked(fitted, {group: {key: at[name] + step}})
+             for name, step in zip(joint.names, steps, strict=True)
+             for group, _, key in (name.partition("."),)]
     found = []
     for group in make_groups(find_scale(fitted.body).speed).values():
         for name, (unit, quantity) in group.quantities.items() if group.select(joint.names) else ():
