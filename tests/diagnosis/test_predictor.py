@@ -71,6 +71,21 @@ def test_a_hidden_effect_is_in_the_predictor_and_predicts_a_test_drive():
 
 
 @pytest.mark.slow
+def test_from_six_recordings_on_the_refit_is_the_reported_one(tmp_path, monkeypatch):
+    """Also where useless effects were tried before it."""
+    monkeypatch.setattr(_PredictorSearch, "candidates",
+                        lambda *_: ["cornering_drag", "lateral_pull", "load_transfer"])
+    monkeypatch.setattr("dart_lab.diagnosis.predictor.MAX_NEEDLESS_RISE", -1.0)
+    *train, test = [read(hidden_drive.write(tmp_path / f"car_1_{seed}.csv", PAPER, seed=seed,
+                                            plan=hidden_drive.Plan(seconds=10.0)))
+                    for seed in range(21, 28)]
+    model, vehicle = find_model("paper")
+    d = diagnose(model, vehicle, train, [test], max_causes=0, only=("gyro_bias",), predictor=True)
+    assert not d.predictor.effects
+    assert d.predictor.vehicle == d.stages[1].vehicle
+
+
+@pytest.mark.slow
 def test_where_nothing_is_hidden_the_refit_is_the_predictor():
     d = diagnose_hidden(hidden=False)
     assert d.predictor.effects == {}

@@ -9,7 +9,7 @@ of ``final_fit`` over held-out recordings, by fits in which every recording has 
 2. Drop effects that the fit does not need.
 3. Fit without each recording in turn, and compute L. Drop the effect whose size no car has, else
    the one that the fit needs least. Repeat until one effect is left, or L is 0.1 above the smallest
-   one. Compute L of the refit without effects, which is fitted as the reported one.
+   one. Compute L of the refit without effects; from six recordings on it is the reported one.
 4. Take the effects with the smallest L. With fewer than six recordings fit them by the noise as
    well, as the search does, and keep the fit with the smaller L.
 5. If the 90 % interval of its errors over those of the refit, by recordings, does not lie below 1,
