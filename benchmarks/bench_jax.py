@@ -1,4 +1,4 @@
-"""How fast the simulation on JAX is for many cars on one core, beside a peer in one process.
+"""How fast the simulation on JAX is for many cars on one core, and a peer in the same process.
 
 4,096 cars in f32 at steps of 10 ms, all in one compiled loop: DART without sensors and with all of
 it, and the single-track car of f1tenth_gym (``single_track``), written for JAX too.

@@ -84,13 +84,13 @@ def make_step(xp: ModuleType, select: Callable[[Array, Array, Array], Array]
         return tuple(select(is_slow, one, other) for one, other in zip(slow, fast, strict=True))
 
     def step(s: Rates, steering_rate: Array, acceleration: Array) -> Rates:
-        def shifted(k: Rates, share: float) -> Rates:
+        def advance(k: Rates, share: float) -> Rates:
             return tuple(x + STEP * share * r for x, r in zip(s, k, strict=True))
 
         k1 = rates(s, steering_rate, acceleration)
-        k2 = rates(shifted(k1, 0.5), steering_rate, acceleration)
-        k3 = rates(shifted(k2, 0.5), steering_rate, acceleration)
-        k4 = rates(shifted(k3, 1.0), steering_rate, acceleration)
+        k2 = rates(advance(k1, 0.5), steering_rate, acceleration)
+        k3 = rates(advance(k2, 0.5), steering_rate, acceleration)
+        k4 = rates(advance(k3, 1.0), steering_rate, acceleration)
         return tuple(x + STEP / 6.0 * (a + 2.0 * b + 2.0 * c + d)
                      for x, a, b, c, d in zip(s, k1, k2, k3, k4, strict=True))
 

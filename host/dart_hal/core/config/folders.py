@@ -30,6 +30,7 @@ from dart_hal.core.text_file import read_text
 EXAMPLE_CAR = "dart-01"
 # The example car inside an installed package (absent in a checkout).
 PACKAGED_EXAMPLE = Path(__file__).resolve().parents[2] / "cars" / EXAMPLE_CAR / "car.toml"
+# The same in a checkout.
 SOURCE_EXAMPLE = Path(__file__).resolve().parents[4] / "cars" / EXAMPLE_CAR / "car.toml"
 
 # Number of default folders at the end of the search: ./cars and that of the home folder.
