@@ -29,7 +29,7 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 # and one where each is several programs.
 # 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
-test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (five minutes on two cores)
+test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (four minutes on two cores)
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not (slow or long or realtime)" --durations 5 --durations-min 5 $(ARGS)
 	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (slow or long)" $(ARGS) $(REALTIME) || test $$? -eq 5
 	@echo "All good: tests, style and layers hold. Types: make lint. The other cases: make test-more."

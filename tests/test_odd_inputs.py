@@ -78,7 +78,7 @@ def refusals(kind, values):
 
 
 @pytest.mark.parametrize("kind", list(READERS))
-@pytest.mark.slow_except("car")
+@pytest.mark.slow
 def test_each_entry_of_a_file_with_some_odd_values(kind):
     assert refusals(kind, ("1e300", '"[bold red]"', "[[]]")) > 50
 

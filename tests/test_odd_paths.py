@@ -39,7 +39,7 @@ def firmware_in(folder):
 
 @needs_avr
 @pytest.mark.emulator
-@pytest.mark.slow_except("my car", "it's")
+@pytest.mark.slow_except("it's")
 @pytest.mark.parametrize("name", [*GOOD, "a$b", 'q"x', "b`c", "e\\f", "a:b"])
 def test_firmware_is_compiled_in_a_folder_of_any_name(tmp_path, name):
     firmware = firmware_in(tmp_path / name)

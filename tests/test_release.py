@@ -61,6 +61,7 @@ def test_new_entries_of_the_changelog_have_a_known_kind():
                for name in names), names
 
 
+@pytest.mark.slow
 def test_new_entries_become_a_section(tmp_path):
     pytest.importorskip("towncrier")
     shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")

@@ -93,6 +93,7 @@ def test_every_new_path_exists(old):
     assert import_module(MOVED[old]).__name__ == MOVED[old]
 
 
+@pytest.mark.slow
 def test_old_and_new_path_are_one_module():
     """A second copy would have classes and caches of its own."""
     program = ("import warnings; warnings.simplefilter('ignore')\n"
@@ -104,6 +105,7 @@ def test_old_and_new_path_are_one_module():
     assert done.stdout.split() == ["True", "True"]
 
 
+@pytest.mark.slow
 def test_the_warning_names_the_line_of_the_program(tmp_path):
     program = tmp_path / "program.py"
     program.write_text("x = 1\nfrom dart_hal.sim.light import LightCar\n")

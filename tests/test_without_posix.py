@@ -70,6 +70,7 @@ def run_without_posix(program: str, *words: object, cwd) -> subprocess.Completed
                           capture_output=True, text=True, check=False, timeout=300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", [DRIVE_ON_MOCK, LEARN], ids=["drive", "learn"])
 def test_program_runs_without_posix(program, tmp_path):
     ended = run_without_posix(program, cwd=tmp_path)
@@ -85,6 +86,7 @@ def test_diagnosis_runs_without_posix(tmp_path):
     assert (tmp_path / "report.html").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["sim", "--pty"], ["doctor", "--url", "serial:///dev/ttyUSB0"]],
                          ids=["pty", "serial"])
 def test_what_needs_posix_is_refused_by_the_catalogue(words, tmp_path):

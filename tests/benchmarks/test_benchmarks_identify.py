@@ -16,6 +16,7 @@ def make_fit():
     return fit_as_paper(EXCERPT, ["motor", "tyres"])
 
 
+@pytest.mark.slow
 def test_adam_stops_where_the_paper_stopped(make_fit):
     """500 steps give the paper's unconverged motor: the comparison is with its own settings."""
     run = adam.adam(make_fit.problems["motor"], None)
@@ -32,6 +33,7 @@ def test_more_steps_reach_our_optimum(make_fit, monkeypatch):
     assert run.loss == pytest.approx(make_fit.fits["motor"].loss, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_torch_takes_the_same_steps(make_fit):
     torch = adam.torch_or_none()
     if torch is None:

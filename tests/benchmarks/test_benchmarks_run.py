@@ -71,6 +71,7 @@ def test_recording():
     assert 100 < size.value < 200, "kB, of 100 States and what comes with them"
 
 
+@pytest.mark.slow
 def test_import():
     (cpu,) = bench_import.figures(0.2)
     assert cpu.value > 0.0

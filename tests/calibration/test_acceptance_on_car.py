@@ -50,6 +50,7 @@ def test_gyro_turned_by_hand_has_its_true_scale_without_throttle(watched):
     assert all(abs(us - 1500.0) < 15.0 for _, us in watched.pulses[before:])
 
 
+@pytest.mark.slow
 def test_edges_of_turns_by_hand_are_those_of_the_gear(watched):
     found = run(watched, "rotation")["edges_per_turn"]
     assert abs(found.value - 20 * 39 / 11) < 3.5 * found.std

@@ -31,6 +31,7 @@ def measured(url, tmp_path, begin=lambda world: None):
         return car.files, found.quantities[NAME]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("url", [
     "1",
     *(pytest.param(url, marks=pytest.mark.slow) for url in (

@@ -52,7 +52,7 @@ def pulled_after(tmp_path, marks, *, believed: bool = False) -> tuple[float, flo
 
 @pytest.mark.parametrize("marks", [lambda edges: (), lambda edges: edges[:2]],
                          ids=["dead", "two marks left"])
-@pytest.mark.slow_except("dead")
+@pytest.mark.slow
 def test_the_throttle_is_off_within_300_ms(tmp_path, marks):
     seconds, fastest, failed = pulled_after(tmp_path, marks)
     assert seconds <= 0.3

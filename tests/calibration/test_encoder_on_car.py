@@ -223,7 +223,7 @@ def test_even_ring_is_no_other_ring():
 
 
 @pytest.mark.parametrize("swing", [0.0, 1e-4, 1e-3])
-@pytest.mark.slow_except("0.001")
+@pytest.mark.slow
 def test_interval_of_the_ring_knows_what_swings_with_it(swing):
     """Two hundred virtual rings: 90 % of the 90 % intervals, for any oscillation."""
     rng, inside = np.random.default_rng(3), []

@@ -123,7 +123,7 @@ def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
 
 
 @pytest.mark.parametrize("lag", [0.04, 0.084, 0.12])
-@pytest.mark.slow_except("0.12")
+@pytest.mark.slow
 def test_the_lag_of_a_motor_is_separated_from_its_onset(lag):
     force = fit_force(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
     assert force.begin.value == pytest.approx(1565.0, abs=3.5 * force.begin.std)
@@ -280,7 +280,7 @@ def test_a_knee_that_is_not_there_is_not_found():
 # -- what is wrong is named, and the pin is at neutral -----------------------------
 
 
-@pytest.mark.slow_except("esc:wrong@0")
+@pytest.mark.slow
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("esc:wrong@0", "turns the wheels backward"), ("wheel:stuck@0", "a wheel is blocked"),

@@ -62,7 +62,7 @@ def test_the_age_of_the_gyro_is_known_although_the_clocks_are_in_step(tmp_path):
 
 
 @pytest.mark.parametrize("looks", [True, False])
-@pytest.mark.slow_except("True")
+@pytest.mark.slow
 def test_the_log_follows_the_clock_of_the_gyro_where_the_firmware_looks(
         tmp_path, monkeypatch, looks):
     if not looks:

@@ -56,7 +56,7 @@ def found(files, age, looks):
 
 
 @pytest.mark.parametrize("age", [1e-3, 9e-3])
-@pytest.mark.slow_except("0.009")
+@pytest.mark.slow
 def test_register_reads_show_the_age_although_the_clocks_are_in_step(files, age):
     """For any age, and for any play of the linkage: steps that go on do not cross it."""
     delay, std = found(files, lambda t: np.full(len(t), age), True)

@@ -42,7 +42,7 @@ def track(seed: int, rate: float = 100.0, turn_in: float = TURN_IN) -> MarkerTra
 
 
 @pytest.mark.parametrize("rate", [100.0, 10.0])
-@pytest.mark.slow_except("10.0")
+@pytest.mark.slow
 def test_the_intervals_hold_the_truth(rate):
     errors = []
     for seed in range(4):
@@ -54,6 +54,7 @@ def test_the_intervals_hold_the_truth(rate):
     assert np.max(np.abs(errors)) < 4.0
 
 
+@pytest.mark.slow
 def test_slip_follows_the_yaw_acceleration():
     """What a change of side adds to the slip is not taken for the marker's place."""
     near, far = (fit_marker(track(1, turn_in=turn_in)).found for turn_in in (0.03, 0.06))
@@ -61,6 +62,7 @@ def test_slip_follows_the_yaw_acceleration():
         assert near[name].value == pytest.approx(far[name].value, abs=0.3 * near[name].std)
 
 
+@pytest.mark.slow
 def test_control_slip_of_steady_turns_alone_scatters(monkeypatch):
     free = fit_marker(track(1)).found
     monkeypatch.setattr(mocap_fit, "TURN_IN_PRIOR", (SLIP * 0.64, 1e-6))  # none at 0.8 m/s

@@ -87,6 +87,7 @@ def test_a_wrong_source_is_named_and_nothing_comes_of_it(change, words, remedy):
     assert remedy in str(refused.value.remedy)
 
 
+@pytest.mark.slow
 def test_without_a_source_the_car_does_not_move():
     backend = open_backend(URL)
     with Car.over(backend) as car:

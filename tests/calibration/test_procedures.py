@@ -117,6 +117,7 @@ def test_what_is_no_procedure_is_refused_by_name(package, name, kind, message):
         order.load_procedure(name)
 
 
+@pytest.mark.slow
 def test_an_error_of_another_package_names_it_and_the_esc_gets_neutral(package):
     pulses = []
     with Car.open("sim://?nano=mock") as car:

@@ -128,6 +128,7 @@ def test_notes_hold_what_raw_mode_did_not_ask_for(bench):
     assert any(clock in note and "PWM_CLOCK_UNCALIBRATED" in note for note in unknown.notes)
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_car(bench, files):
     car = bench(interrupt_at=15.0)
     with pytest.raises(KeyboardInterrupt):

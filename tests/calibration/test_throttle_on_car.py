@@ -68,6 +68,7 @@ def test_the_pulses_of_a_hidden_car_are_found(measured):
     assert watched.pulled_after(watched.world.t) < -0.4
 
 
+@pytest.mark.slow
 def test_the_brake_of_a_hidden_car_is_found(measured):
     _, result, watched = measured
     found = result.quantities["throttle.brake"]
@@ -77,6 +78,7 @@ def test_the_brake_of_a_hidden_car_is_found(measured):
     assert found.std < 0.1 * full
 
 
+@pytest.mark.slow
 def test_pulses_of_the_brake_stay_within_half_of_it(measured):
     _, _, watched = measured
     lowest = min(width for _, width in watched.pulses)
@@ -114,6 +116,7 @@ def test_control_a_brake_that_is_held_drives_it_backward(tmp_path, monkeypatch):
     assert backward_distance(f"{URL}6", tmp_path) > 0.02
 
 
+@pytest.mark.slow
 def test_it_keeps_to_its_floor(measured):
     _, _, watched = measured
     ends = [*watched.runs, (watched.world.truth().x, watched.world.truth().y)]
@@ -121,6 +124,7 @@ def test_it_keeps_to_its_floor(measured):
     assert max(way) < 2.5
 
 
+@pytest.mark.slow
 def test_what_is_written_is_read_and_keeps_what_was_there(measured, tmp_path):
     files, result, _ = measured
     files = replace(files, folder=tmp_path / files.config.name)
@@ -218,6 +222,7 @@ def pressed(tmp_path, speed: float) -> tuple[Driven, float]:
                                   watched.backend.workshop)
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched, when = pressed(tmp_path, 0.25)
     assert watched.pulled_after(when) < FRAMES
@@ -225,6 +230,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched.car.close()
 
 
+@pytest.mark.slow
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched, when = pressed(tmp_path, 0.25)
@@ -232,6 +238,7 @@ def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     watched.car.close()
 
 
+@pytest.mark.slow
 def test_a_table_that_turns_back_is_refused(measured):
     files, _, _ = measured
     held = [HeldSpeed(v, v, p, 0.1) for v, p in ((0.5, 1600.0), (1.0, 1598.0)) for _ in range(2)]
@@ -239,6 +246,7 @@ def test_a_table_that_turns_back_is_refused(measured):
         make_table(held, files)
 
 
+@pytest.mark.slow
 def test_interval_of_a_point_is_what_its_parts_make_it(measured):
     """Repeats that scatter by 1 us: the mean of two of them is known to 0.7 us."""
     files, _, _ = measured

@@ -74,6 +74,7 @@ class Drive:
         return [us for t, us in self.pulses if self.ended - 1.0 < t < self.ended]
 
 
+@pytest.mark.slow
 def test_the_voltage_is_in_the_state_and_sags_with_the_load():
     driven = Drive("1", throttle=0.5)
     volts = [s.battery for s in driven.states]
@@ -83,6 +84,7 @@ def test_the_voltage_is_in_the_state_and_sags_with_the_load():
     assert not driven.chip.written, "a reading writes no register"
 
 
+@pytest.mark.slow
 def test_a_car_without_a_sensor_has_no_voltage_and_no_transfer():
     driven = Drive("0", seconds=0.5)
     assert {s.battery for s in driven.states} == {None}
@@ -100,6 +102,7 @@ def test_a_low_battery_limits_the_throttle_at_the_pin():
     assert driven.states[-1].applied.throttle_us == pytest.approx(driven.late_us()[-1], abs=6.0)
 
 
+@pytest.mark.slow
 def test_control_a_full_battery_has_its_whole_throttle():
     driven = Drive("charge=0.9", throttle=0.5)
     assert driven.states[-1].applied.throttle == pytest.approx(0.5, abs=THROTTLE_COUNT)
@@ -107,6 +110,7 @@ def test_control_a_full_battery_has_its_whole_throttle():
     assert "BATTERY" not in driven.applied[-1].limited
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("throttle", [0.1, -0.1])
 def test_a_smaller_throttle_is_not_changed(throttle):
     driven = Drive("charge=-0.1", throttle=throttle)
@@ -115,6 +119,7 @@ def test_a_smaller_throttle_is_not_changed(throttle):
     assert "BATTERY" not in driven.applied[-1].limited
 
 
+@pytest.mark.slow
 def test_the_brake_is_not_limited():
     def brake(driven, state):
         driven.throttle = 0.5 if state.t < 4.0 else -0.5
@@ -128,6 +133,7 @@ def test_the_brake_is_not_limited():
     assert full < -2.0 * limited, "at the pin"
 
 
+@pytest.mark.slow
 def test_raw_pulses_are_limited_too():
     backend = open_backend(URL + "charge=-0.1")
     with Car.over(backend) as car, car.raw():
@@ -156,6 +162,7 @@ def test_a_short_sag_is_no_empty_battery():
         assert not limit.low
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_lost_gives_none_one_notice_and_no_delay(caplog):
     def lose(driven, state):
         driven.chip.absent = driven.world.t > 2.5
@@ -171,6 +178,7 @@ def test_a_sensor_that_is_lost_gives_none_one_notice_and_no_delay(caplog):
     assert max(gaps) < 0.021
 
 
+@pytest.mark.slow
 def test_a_limit_stays_when_the_sensor_is_lost():
     def lose(driven, state):
         driven.chip.absent = "BATTERY" in state.applied.limited or driven.chip.absent
@@ -233,6 +241,7 @@ def test_a_recording_has_the_voltage_and_a_replay_gives_it(tmp_path):
     assert None in live.values()
 
 
+@pytest.mark.slow
 def test_a_recording_without_a_sensor_has_no_channel(tmp_path):
     run = tmp_path / "run.mcap"
     Drive("0", seconds=0.3, record=run)
@@ -241,6 +250,7 @@ def test_a_recording_without_a_sensor_has_no_channel(tmp_path):
     assert b"/battery" not in run.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("silence", "measured"), [
     (0.0, True), (3.5, False), pytest.param(1.5, True, marks=pytest.mark.slow)])
 def test_a_read_run_has_a_voltage_that_was_measured_throughout(tmp_path, silence, measured):
@@ -257,6 +267,7 @@ def test_a_read_run_has_a_voltage_that_was_measured_throughout(tmp_path, silence
         assert driving == pytest.approx(7.94 - 0.75, abs=0.08)
 
 
+@pytest.mark.slow
 def test_the_voltage_of_a_filmed_run_is_on_the_clock_of_its_poses(tmp_path):
     run = tmp_path / "run.mcap"
     with Car.open("sim://?seed=3&nano=mock&battery=1&mocap=1", record=run) as car:
@@ -267,6 +278,7 @@ def test_the_voltage_of_a_filmed_run_is_on_the_clock_of_its_poses(tmp_path):
     assert plain.battery.t - filmed.battery.t == pytest.approx(shift)
 
 
+@pytest.mark.slow
 def test_readings_come_at_their_low_rate_and_between_the_pulses():
     driven = Drive("1", seconds=3.0)
     log = driven.world.bus.log
@@ -301,6 +313,7 @@ def test_a_wrong_table_is_refused(table):
         Car.over(backend)
 
 
+@pytest.mark.slow
 def test_the_live_page_gets_the_voltage():
     found = []
     for battery in "10":
@@ -319,6 +332,7 @@ def test_a_thread_reads_it_in_real_time():
         assert state.battery == pytest.approx(8.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_bus_that_hangs_delays_no_frame():
     class HangingBus:
         where = "a bus of a test"
@@ -350,6 +364,7 @@ def test_nan_in_a_recording_is_no_voltage():
     assert found == [None, 7.4, None]
 
 
+@pytest.mark.slow_except("0")
 @pytest.mark.parametrize("battery", ["1", "0"])
 def test_other_cars_of_a_room_receive_the_voltage(battery):
     """A car without a sensor, the control, sends none."""

@@ -33,6 +33,7 @@ def read_voltage(nano: str, supply: float = 5.0, connected: bool = True) -> tupl
         return state.battery, world.divider.battery.voltage
 
 
+@pytest.mark.slow_except("mock-5.2")
 @pytest.mark.parametrize("supply", [4.6, 5.0, 5.2])
 @pytest.mark.parametrize("nano", ["mock", "avr"])
 def test_the_voltage_is_within_its_error_at_any_supply(nano, supply):
@@ -47,6 +48,7 @@ def test_control_of_a_reading_against_the_supply_alone():
     assert pytest.approx(8.0, rel=MAX_ERROR) != DIVIDER_RATIO * 5.0 * 593 / 1023
 
 
+@pytest.mark.slow_except("mock")
 @pytest.mark.parametrize("nano", ["mock", "avr"])
 def test_a_divider_that_is_off_gives_none_and_one_notice(nano, caplog):
     """Control: the same car with its divider has a voltage, above."""
@@ -64,6 +66,7 @@ def test_counts_that_are_no_battery_are_refused(pin, reference, pulled):
     assert isinstance(decode_divider(values, DIVIDER_RATIO, 2), BatteryUnmeasured)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("charge", "limited"), [(-0.1, True), (0.8, False)])
 def test_an_empty_battery_limits_the_throttle_at_the_pin(charge, limited):
     backend = open_backend(NANO_URL.format("avr") + f",charge={charge}")
@@ -82,6 +85,7 @@ def test_an_empty_battery_limits_the_throttle_at_the_pin(charge, limited):
         assert (max(pulses[-10:]) <= limit) == limited
 
 
+@pytest.mark.slow
 def test_a_recording_has_the_voltage_at_the_rate_of_the_readings(tmp_path):
     run = tmp_path / "run.mcap"
     with Car.open(NANO_URL.format("mock"), record=run) as car:

@@ -60,6 +60,7 @@ def test_the_calibration_of_another_board_is_not_armed_with(tmp_path):
     assert "calibrate accept-board" in caught.value.remedy
 
 
+@pytest.mark.slow
 def test_nor_is_it_written_into(tmp_path):
     """One new value would make all of them look measured with this board."""
     cars = write_calibration(tmp_path, OTHER_BOARD)
@@ -71,6 +72,7 @@ def test_nor_is_it_written_into(tmp_path):
         pass
 
 
+@pytest.mark.slow
 def test_a_swapped_nano_is_noticed(tmp_path):
     """The car's files stay, the Nano is another one."""
     cars = write_calibration(tmp_path, MINE)
@@ -83,6 +85,7 @@ def test_a_swapped_nano_is_noticed(tmp_path):
         assert "CALIBRATION_OTHER_BOARD" in car.refusals()
 
 
+@pytest.mark.slow
 def test_one_command_accepts_it(tmp_path, capsys):
     cars = write_calibration(tmp_path, OTHER_BOARD)
     with pytest.raises(SystemExit) as left:

@@ -177,6 +177,7 @@ def test_a_backend_closes_all_of_it_also_when_one_part_raises():
     assert closed == [1, 2]
 
 
+@pytest.mark.slow
 def test_leaving_by_an_exit_leaves_no_pulse(tmp_path):
     """atexit: a program that forgets to close its car."""
     import subprocess

@@ -83,6 +83,7 @@ def test_a_stop_answers_a_trip():
         assert "NOT_ARMED" in car.drive(throttle=0.1).limited
 
 
+@pytest.mark.slow
 def test_a_reboot_of_the_nano_is_reported_too():
     with Car.open(MOCK_1_URL + "&fail=mcu:reset@4") as car:
         car.arm()

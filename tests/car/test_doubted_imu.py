@@ -64,6 +64,7 @@ def yaw_sigmas(rows) -> float:
                for s, t in rest)
 
 
+@pytest.mark.slow
 def test_garbage_is_never_given_out_and_the_pose_states_its_deviation(tmp_path):
     rows = drive(tmp_path, garbage)
     assert max(wrong(rows), default=0.0) <= 3.0 * GYRO_STD
@@ -89,12 +90,14 @@ def test_a_gyro_that_turns_the_other_way_is_found(tmp_path):
     assert all("IMU_DISAGREES" in s.health.doubts for s in late)
 
 
+@pytest.mark.slow
 def test_zeros_are_no_data(tmp_path):
     rows = drive(tmp_path, zeros)
     assert all(s.yaw_rate is None for s, _ in rows[5:]), "the last sample may live for 15 ms"
     assert yaw_sigmas(rows) <= 3.0
 
 
+@pytest.mark.slow
 def test_a_doubted_imu_refuses_to_arm(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=5")
     with Car.over(backend, cars=tmp_path) as car:

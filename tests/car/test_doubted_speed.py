@@ -87,7 +87,7 @@ def drive(tmp_path, fault, *, target_speed: float, t_fault: float, believed: boo
 
 @pytest.mark.parametrize("t_fault", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
-@pytest.mark.slow_except("half-while driving")
+@pytest.mark.slow
 def test_missing_edges_are_reported_and_do_not_open_the_throttle(tmp_path, fault, t_fault):
     run = drive(tmp_path, fault, target_speed=1.0, t_fault=t_fault)
     assert run.t_first_doubt <= 0.5
@@ -98,7 +98,7 @@ def test_missing_edges_are_reported_and_do_not_open_the_throttle(tmp_path, fault
 
 
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
-@pytest.mark.slow_except("off")
+@pytest.mark.slow
 def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
     run = drive(tmp_path, fault, target_speed=1.0, t_fault=0.0, believed=True)
     assert run.fastest > 1.3
@@ -117,6 +117,7 @@ def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
     assert blind.fastest > run.fastest + 0.2
 
 
+@pytest.mark.slow
 def test_edges_from_nowhere_are_reported_and_covered(tmp_path):
     run = drive(tmp_path, phantom, target_speed=1.0, t_fault=2.0)
     assert run.t_first_doubt <= 0.5

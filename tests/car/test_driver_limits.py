@@ -65,6 +65,7 @@ def throttle_for(car: Car, speed: float) -> float:
     return SpeedLaw(vehicle_of(car.files.model)).feed_forward(speed)
 
 
+@pytest.mark.slow
 def test_a_throttle_that_must_move_the_car_and_no_edge_is_neutral_after_300_ms(lab):
     """An encoder that came off: 0.3 s after the five edges that it owes, neutral."""
     car = lab.car
@@ -111,6 +112,7 @@ def test_wheels_that_turn_are_no_lost_encoder(lab):
     assert applied.throttle >= throttle_for(car, 1.0)
 
 
+@pytest.mark.slow
 def test_frames_lost_in_the_last_five_seconds_refuse(lab):
     """15 of 500 are 3 %; they count for 5 s and no longer."""
     lab.wait(5.5)
@@ -249,11 +251,13 @@ def cut_off(states: list[tuple[bool, float]]) -> set[float]:
     return {throttle for live, throttle in states[50:] if not live}
 
 
+@pytest.mark.slow
 def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
     """From the frame that reports it the State has no throttle."""
     assert cut_off(applied_behind_a_cut(tmp_path)) == {0.0}
 
 
+@pytest.mark.slow
 def test_without_the_look_at_the_cut_off_it_would_be_applied(tmp_path, monkeypatch):
     """Negative control."""
     monkeypatch.setattr(Driver, "apply_cutoff", lambda self, applied: applied)

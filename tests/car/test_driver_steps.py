@@ -31,6 +31,7 @@ def test_a_suspend_trips_a_car_in_real_time_alone(virtual):
         assert ("SUSPENDED" in driver._causes(car.now)) != virtual
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("throttle", "direction"), [(0.3, 1), (0.0, 0), (-0.3, -1)])
 def test_each_heartbeat_reports_in_which_direction_the_throttle_acts(throttle, direction):
     """Where it changes while the wheels turn, the Nano marks the edges as ambiguous."""

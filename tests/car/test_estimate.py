@@ -46,6 +46,7 @@ def off(pose, place):
     return float(error @ np.linalg.solve(pose.cov[:2, :2] + 1e-6 * np.eye(2), error))
 
 
+@pytest.mark.slow
 def test_without_a_source_it_is_dead_reckoning():
     for state, _ in drive(KINEMATIC_3_URL, 0.5):
         estimate = state.estimate

@@ -78,6 +78,7 @@ def test_every_message_goes_to_ros_1_and_back(run, tmp_path):
     assert not same(original, other), "the comparison can fail"
 
 
+@pytest.mark.slow
 def test_a_bag_of_ros_2_has_its_metadata(run, tmp_path):
     write_ros2(RunReader(run), tmp_path / "two")
     text = (tmp_path / "two" / "metadata.yaml").read_text()
@@ -99,6 +100,7 @@ def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
         "std_msgs/msg/String"}
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_or_damaged_becomes_a_bag_of_what_is_there(run, tmp_path):
     path = tmp_path / "cut.mcap"
     data = bytearray(run.read_bytes())

@@ -50,6 +50,7 @@ def data_set(tables, tmp_path_factory):
     return path, write_lerobot(tables, path, fps=50, task="drive a bend")
 
 
+@pytest.mark.slow
 def test_it_has_what_the_format_requires(data_set):
     path, made = data_set
     info = json.loads((path / "meta" / "info.json").read_text())
@@ -82,6 +83,7 @@ def test_it_has_what_the_format_requires(data_set):
         assert len(rows[0][f"stats/{name}/mean"]) == feature["shape"][0]
 
 
+@pytest.mark.slow
 def test_frames_come_at_the_stated_rate(data_set):
     path, made = data_set
     data = pq.read_table(path / "data" / "chunk-000" / "file-000.parquet").to_pandas()
@@ -160,6 +162,7 @@ def test_the_library_itself_opens_it(data_set):
     assert done == (f"2 {made.frames} torch.Size([3, 9]) torch.Size([2, 2]) drive a bend (2,)")
 
 
+@pytest.mark.slow
 def test_the_voltage_is_a_feature_where_every_run_has_it(tables, tmp_path):
     measured = record_drive(tmp_path / "c.mcap", 0.6, 3, "&battery=1")
     write_lerobot([measured], tmp_path / "one")

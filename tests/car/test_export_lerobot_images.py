@@ -49,6 +49,7 @@ def jpeg(colours, size=(32, 16)):
     return held.getvalue()
 
 
+@pytest.mark.slow
 def test_it_is_the_image_feature_of_the_format(data_set):
     path, made = data_set
     info = json.loads((path / "meta" / "info.json").read_text())

@@ -106,6 +106,7 @@ def scan_of(angles, distances, *, inverted=False):
                 mount=Mount(inverted=inverted))
 
 
+@pytest.mark.slow
 def test_a_beam_mirrored_is_detected(run):
     """Control: the test above would see a unit taken to turn the other way."""
     scan = scan_of([0.0, np.pi / 2, np.pi, 3 * np.pi / 2], [1.0, 2.0, 3.0, 4.0], inverted=True)
@@ -117,6 +118,7 @@ def test_a_beam_mirrored_is_detected(run):
     assert message.angle_max == pytest.approx(2.0 * np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inverted", [False, True])
 def test_every_reading_has_the_time_of_its_beam(run, inverted):
     scan = scan_of(np.arange(4) * np.pi / 2, [1.0, 2.0, 3.0, 4.0], inverted=inverted)
@@ -126,6 +128,7 @@ def test_every_reading_has_the_time_of_its_beam(run, inverted):
     assert [times[reach] for reach in (1.0, 2.0, 3.0, 4.0)] == pytest.approx(scan.t, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_nothing_that_came_back_is_infinite_and_a_lost_beam_is_nan(run):
     scan = scan_of([0.0, 0.1, np.pi / 2, 3 * np.pi / 2], [1.0, np.nan, np.nan, 2.0])
     message = standard.laser_scan(scan, 0, store_of(run), 4)
@@ -150,6 +153,7 @@ def store_of(run):
     return _types_of(RunReader(run[0]), _rosbags())
 
 
+@pytest.mark.slow
 def test_a_scan_without_a_beam_has_no_reading(run):
     empty = Scan(1.0, 0.9, 8.0, *np.zeros((3, 0)))
     message = standard.laser_scan(empty, 0, store_of(run), 0)
@@ -182,6 +186,7 @@ def test_poses_in_the_room_are_where_the_car_was(run, tmp_path, monkeypatch, kno
     assert (max(off[-50:]) < 0.02) == known
 
 
+@pytest.mark.slow
 def test_the_marker_is_turned_back(run):
     def value(number):
         return SimpleNamespace(value=number)

@@ -41,6 +41,7 @@ def test_calibration_in_the_home_folder_is_used(home, tmp_path, monkeypatch):
     assert driven() != with_it
 
 
+@pytest.mark.slow
 def test_calibration_in_the_folder_cars_is_used(home, tmp_path, monkeypatch):
     with_it = driven()
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "empty"))

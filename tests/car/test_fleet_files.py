@@ -60,6 +60,7 @@ def free_port():
         return probe.getsockname()[1]
 
 
+@pytest.mark.slow_except("False")
 @pytest.mark.parametrize("spelled", [True, False])
 def test_one_stream_gives_each_car_its_own_body(spelled):
     url = f"udp://127.0.0.1:{free_port()}?body="

@@ -36,6 +36,7 @@ def drive(tmp_path_factory):
     return both, single, states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [0, 1])
 def test_each_car_is_read_back_as_from_its_own_file(drive, n):
     both, single, _ = drive
@@ -51,6 +52,7 @@ def test_each_car_is_read_back_as_from_its_own_file(drive, n):
         assert mine or read == "i2c"
 
 
+@pytest.mark.slow
 def test_a_replay_sees_the_states_of_the_drive(drive):
     both, _, states = drive
     with Car.open(f"replay://{both}?car=sim-2") as car:
@@ -60,6 +62,7 @@ def test_a_replay_sees_the_states_of_the_drive(drive):
     assert len(read_table(f"{both}?car=sim-2")) == len(replayed)
 
 
+@pytest.mark.slow
 def test_channels_begin_with_the_name_and_share_a_time_base(drive):
     found = read_mcap(drive[0])
     assert {"/sim_1/rx", "/sim_1/odom", "/sim_2/rx", "/sim_2/odom"} <= set(found.topics.values())
@@ -69,6 +72,7 @@ def test_channels_begin_with_the_name_and_share_a_time_base(drive):
     assert np.diff(stamps).min() > -0.02e9, "in the order of time, but for a tick"
 
 
+@pytest.mark.slow
 def test_naming_no_car_or_another_lists_those_that_are_there(drive):
     both, single, _ = drive
     for name in (both, f"{both}?car=blue"):

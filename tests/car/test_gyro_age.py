@@ -25,6 +25,7 @@ def age_errors(nano: str, seconds: float) -> np.ndarray:
     return np.remainder(updated + 0.5 * UPDATES, UPDATES) - 0.5 * UPDATES
 
 
+@pytest.mark.slow
 def test_the_age_of_the_yaw_rate_is_that_of_its_update():
     errors = age_errors("&nano=mock", 9.0)
     assert abs(np.mean(errors)) < 0.6e-3

@@ -104,6 +104,7 @@ def test_before_two_states_no_work_is_known():
     assert all(math.isnan(value) for value in LoopTimer(Wall()).work())
 
 
+@pytest.mark.slow
 def test_a_slow_loop_is_reported_once_though_virtual_time_waits_for_it(caplog):
     with Car.open(MOCK_1_URL) as car:
         car.arm()

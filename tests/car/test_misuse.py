@@ -70,7 +70,7 @@ def test_a_request_that_the_protocol_does_not_have_is_refused():
     (lambda car: car.drive(throttle=0.1, valid_for=9.0), True),
     (lambda car: car.drive_speed(steering=0.0, speed=0.3, valid_for=9.0), True),
     (lambda car: car.drive(throttle=0.1, valid_for=0.5), False)])
-@pytest.mark.slow_except("*-True0", "*-False")
+@pytest.mark.slow
 def test_a_command_that_is_valid_for_less_than_requested_is_reported(command, shortened):
     with Car.open(MOCK_1_URL) as car:
         car.arm()
@@ -78,6 +78,7 @@ def test_a_command_that_is_valid_for_less_than_requested_is_reported(command, sh
         assert ("VALIDITY" in command(car).limited) is shortened
 
 
+@pytest.mark.slow
 def test_a_speed_beyond_the_limit_is_reported():
     with Car.open(MOCK_1_URL) as car:
         car.arm()
@@ -105,6 +106,7 @@ def test_what_a_loop_loses_to_another_thread_is_counted_and_reported(caplog):
         assert len([r for r in caplog.records if "two threads" in r.message]) == 1
 
 
+@pytest.mark.slow
 def test_a_loop_that_goes_on_in_another_thread_has_lost_nothing(caplog):
     """The control: one after the other is no sharing, nor is arming within a loop."""
     with Car.open(MOCK_1_URL) as car:

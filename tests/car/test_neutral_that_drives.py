@@ -114,6 +114,7 @@ def test_a_disarmed_car_that_speeds_up_gets_no_pulse(tmp_path, case, seed):
     assert "PULSES_OFF" in bench.car.stop().limited
 
 
+@pytest.mark.slow
 def test_27_mhz_is_within_the_accepted_range_and_trips(tmp_path):
     out = NeutralBench(tmp_path, clock(27e6)).run(3.0).outcome()
     assert (out.ended, out.causes) == (True, ("MOVES_AT_NEUTRAL",))
@@ -147,12 +148,14 @@ def test_swapped_leads_of_the_motor_drive_backward_and_trip(tmp_path):
     assert out.distance < 0.1
 
 
+@pytest.mark.slow
 def test_a_fresh_esc_takes_no_wrong_neutral_and_the_car_does_not_move(tmp_path):
     """It waits for its own neutral. Nothing moves, so nothing trips."""
     out = NeutralBench(tmp_path, clock(27e6), armed=False).run(4.0).outcome()
     assert (out.whole < 1e-6, out.causes) == (True, ())
 
 
+@pytest.mark.slow
 def test_arming_again_is_tried_again_and_the_third_time_locks(tmp_path):
     bench = NeutralBench(tmp_path, clock(27e6)).run(3.0)
     for _ in range(2):
@@ -178,6 +181,7 @@ def test_a_pushed_car_is_armed_again_at_once(tmp_path):
     assert (bench.car.mode, bench.outcome().speed > 0.5) == ("ARMED", True)
 
 
+@pytest.mark.slow
 def test_raw_begins_with_neutral_again(tmp_path):
     bench = NeutralBench(tmp_path).run(1.0)
     bench.backend.workshop.push()
@@ -190,7 +194,7 @@ def test_raw_begins_with_neutral_again(tmp_path):
 
 @pytest.mark.parametrize("throttle", [0.15, 0.5, 1.0])
 @pytest.mark.parametrize("seed", [0, 4])
-@pytest.mark.slow_except("0-0.5")
+@pytest.mark.slow
 def test_coasting_after_driving_does_not_trip(tmp_path, throttle, seed):
     bench = NeutralBench(tmp_path, options=f"&seed={seed}", armed=False).run(2.2)
     bench.car.arm(waive=WAIVED_GATES)
@@ -203,6 +207,7 @@ def test_coasting_after_driving_does_not_trip(tmp_path, throttle, seed):
     assert (bench.car.mode, bench.car.causes) == ("DISARMED", ())
 
 
+@pytest.mark.slow
 def test_an_armed_car_at_throttle_0_whose_steering_drives_it_is_disarmed(tmp_path):
     """Channels swapped, and a centre that is neutral by chance."""
     bench = NeutralBench(tmp_path, *SWAPPED, (r"center_us = [\d.]+", "center_us = 1500.0")).run(2.5)
@@ -235,6 +240,7 @@ def test_until_the_nano_speaks_there_is_no_pulse(tmp_path, options):
     assert bench.car.mode == "DISARMED"
 
 
+@pytest.mark.slow
 def test_a_nano_that_falls_silent_ends_the_pulses_after_half_a_second(tmp_path):
     bench = NeutralBench(tmp_path, armed=False).run(1.0)
     link = bench.backend.link

@@ -363,6 +363,7 @@ def scenario(happens):
         machine.world.nano.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("happens", "broken"), [
     (stop_and_wait, [(Planner, "set_demand", sticky), (Driver, "stop", send_without_stop)]),
     (silence_link, [(Driver, "overdue", False), (engine, "PWM_FRAME", 0.2)])])

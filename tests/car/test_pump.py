@@ -88,6 +88,7 @@ class NarrowPump(ThreadPump):
             return
 
 
+@pytest.mark.slow
 def test_a_thread_that_ends_unnoticed_is_detected():
     """Control: the pins are not written any more, and the loop waits."""
     engine = Engine()
@@ -146,6 +147,7 @@ class PumpPort(SerialLink):
         self.closed = True
 
 
+@pytest.mark.slow_except("True")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
     """One that never sent HELLO has no number: neutral is repeated, and nothing is opened."""

@@ -98,6 +98,7 @@ def test_a_nano_that_boots_in_raw_ends_it(bench):
         bench.spin(0.1)
 
 
+@pytest.mark.slow
 def test_without_the_answer_to_a_boot_it_would_go_on(bench, monkeypatch):
     """Negative control."""
     monkeypatch.setattr(bench.car._engine.receiver, "on_boot", lambda: None)
@@ -112,6 +113,7 @@ def test_on_the_floor_the_limits_of_the_car_hold(bench):
         NEUTRAL_US + 0.3 * span, abs=5.0)
 
 
+@pytest.mark.slow
 def test_wheels_off_the_ground_have_the_full_range_and_it_is_recorded(tmp_path):
     run = tmp_path / "run.mcap"
     bench = RawBench(tmp_path, record=run)
@@ -138,6 +140,7 @@ def test_a_car_that_is_not_lifted_after_all_is_stopped(bench):
     assert bench.world.truth().v_x < 2.0
 
 
+@pytest.mark.slow
 def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
     """Negative control."""
     monkeypatch.setattr(Observer, "is_moving", False)
@@ -182,6 +185,7 @@ def test_lifted_is_refused_where_the_imu_does_not_show_a_car_at_rest(bench, faul
     assert bench.car.mode == "DISARMED"
 
 
+@pytest.mark.slow
 def test_no_pulse_at_all_is_for_lifted_wheels(bench):
     """On the floor it is refused; lifted, a loop that stalls gets its neutral back."""
     with bench.car.raw():

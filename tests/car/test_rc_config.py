@@ -46,6 +46,7 @@ def test_a_wrong_table_is_refused(table):
         Car.over(backend)
 
 
+@pytest.mark.slow_except("*ue")
 @pytest.mark.parametrize(("table", "reads"), [("[rc]", True), ("[rc]\nenabled = false", False),
                                               ("", False)])
 def test_only_a_car_with_a_receiver_reads_it(table, reads):
@@ -71,6 +72,7 @@ def test_a_pulse_counts_while_its_age_is_small(state_ck, present):
     assert override.has_signal(1_000_000_000) == present, "a lost pulse does not come back"
 
 
+@pytest.mark.slow
 def test_a_replay_has_the_override(tmp_path):
     run = tmp_path / "run.mcap"
     backend = open_backend("sim://?nano=mock&physics=kinematic&rc=1")

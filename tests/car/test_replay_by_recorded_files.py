@@ -45,6 +45,7 @@ def top(states: list[tuple[float, float]]) -> float:
     return max(speed for speed, _ in states if speed is not None)
 
 
+@pytest.mark.slow
 def test_the_states_are_those_of_the_run(run, tmp_path, monkeypatch):
     path, motion, _ = run
     monkeypatch.chdir(tmp_path)
@@ -89,12 +90,14 @@ def test_a_run_of_a_replay_keeps_the_files_that_it_was_read_by(run, tmp_path):
     assert "value = 0.002," in RunReader(tmp_path / "again.mcap").files["calibration.toml"]
 
 
+@pytest.mark.slow
 def test_a_car_without_files_has_those_of_its_run(run):
     with Car.open(f"replay://{run[0]}") as car:
         assert car.files.metres_per_edge.value == 0.02
     assert load_car("dart-01", ["cars"]).calibration is None
 
 
+@pytest.mark.slow
 def test_a_recorded_file_that_cannot_be_read_is_reported_and_left_out(run, monkeypatch):
     whole = RunReader.__init__
 

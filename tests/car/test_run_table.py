@@ -31,6 +31,7 @@ def run(tmp_path_factory):
     return path, states
 
 
+@pytest.mark.slow
 def test_every_state_is_a_row_and_every_number_is_exact(run):
     path, states = run
     table = read_table(path)

@@ -66,6 +66,7 @@ def test_what_is_not_measured_is_no_number(state):
     assert Cells(blind._repr_html_()).rows["yaw rate"] == "none"
 
 
+@pytest.mark.slow
 def test_a_car_shows_itself_at_every_stage_and_moves_nothing():
     with Car.open("sim://?seed=3&nano=mock") as car:
         before = car._engine.now

@@ -108,7 +108,7 @@ def check_covered(drive, bit, every, run):
 
 
 @pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK_CASES)
-@pytest.mark.slow_except("straight-4-5-1")
+@pytest.mark.slow
 def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
     check_covered(drives(name), bit, every, run)
 
@@ -134,6 +134,7 @@ def test_stated_variance_is_that_of_the_errors(drives):
     assert np.mean(squares) < 1.5, squares
 
 
+@pytest.mark.slow
 def test_wrong_samples_at_rest_teach_no_bias(drives, monkeypatch):
     """They begin before the car drives. Control: without the filter the bias is off."""
     drive = drives("straight")
@@ -146,6 +147,7 @@ def test_wrong_samples_at_rest_teach_no_bias(drives, monkeypatch):
     assert abs(drive.yaw_error(states) - clean) > 10.0 * DEGREE
 
 
+@pytest.mark.slow_except("False")
 @pytest.mark.parametrize("filtered", [True, False])
 def test_wrong_accelerations_accuse_no_encoder(drives, monkeypatch, filtered):
     """Bit 11 is 20 m/s2. Control: without the filter the encoder is doubted."""

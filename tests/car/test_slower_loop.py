@@ -44,13 +44,14 @@ def applied_between(valid_for, every, rounds=8):
 
 
 @pytest.mark.parametrize(("every", "valid_for"), [(10, 0.2), (25, 0.5)])
-@pytest.mark.slow_except("10-0.2")
+@pytest.mark.slow
 def test_a_command_holds_until_the_next_round(every, valid_for):
     for applied in applied_between(valid_for, every):
         assert applied.throttle > 0.25
         assert Limit.EXPIRED.value not in applied.limited
 
 
+@pytest.mark.slow
 def test_a_command_that_is_too_short_expires_between_two_rounds():
     """Negative control of the above: a slower loop does not stretch the validity of a command."""
     applied_commands = applied_between(0.05, 10)

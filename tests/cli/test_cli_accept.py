@@ -109,6 +109,7 @@ def test_a_car_that_cannot_be_opened_is_reported_before_the_prediction(verb):
     assert "predicting" not in done.err
 
 
+@pytest.mark.slow
 def test_no_step_starts_without_an_operator_or_yes(verb):
     error = verb("accept", "--json", "--url", ACCEPTED_CAR, "--emulator", EMULATED,
                  *only("supply")).error

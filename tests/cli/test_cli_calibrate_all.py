@@ -44,6 +44,7 @@ def by_hand(monkeypatch):
     return broken, ran
 
 
+@pytest.mark.slow
 def test_each_finds_what_the_one_before_wrote(verb, tmp_path, by_hand):
     _, ran = by_hand
     done = verb(*ALL_COMMAND, "--cars", tmp_path).json
@@ -56,6 +57,7 @@ def test_each_finds_what_the_one_before_wrote(verb, tmp_path, by_hand):
                      "--again").json["found"]) == list(done["found"])
 
 
+@pytest.mark.slow
 def test_it_goes_on_where_it_was_left(verb, tmp_path, by_hand):
     broken, ran = by_hand
     broken.add("encoder")
@@ -68,6 +70,7 @@ def test_it_goes_on_where_it_was_left(verb, tmp_path, by_hand):
     assert list(verb(*ALL_COMMAND, "--cars", tmp_path).json["found"]) == ["encoder", "imu"]
 
 
+@pytest.mark.slow
 def test_what_is_optional_is_reported_and_skipped(verb, tmp_path, by_hand):
     by_hand[0].add("clock")
     done = verb(*ALL_COMMAND, "--cars", tmp_path)

@@ -17,6 +17,7 @@ def find_check(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "camera"), None)
 
 
+@pytest.mark.slow
 def test_the_doctor_looks_at_it(verb):
     good = find_check(verb("doctor", "--url", KINEMATIC_1_URL, "--camera", "top", "--seconds", 1,
                            "--json"))
@@ -25,6 +26,7 @@ def test_the_doctor_looks_at_it(verb):
     assert find_check(verb("doctor", "--url", KINEMATIC_1_URL, "--seconds", 1, "--json")) is None
 
 
+@pytest.mark.slow
 def test_one_that_is_not_there_is_named_and_the_rest_is_looked_at(verb, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", ModuleType("cv2"))
     result = verb("doctor", "--url", f"{KINEMATIC_1_URL}&pace=1", "--camera", "usb:/dev/no-camera",

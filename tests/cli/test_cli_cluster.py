@@ -222,6 +222,7 @@ class WatchedClient:
     """A client of which only the watch is known."""
 
 
+@pytest.mark.slow_except("error1*")
 @pytest.mark.parametrize(("error", "expected"), [
     (OSError("timed out"), ClusterFailed), (FileNotFoundError(2, "no such file", "run.csv"),
                                             FileNotFoundError), (LinkLost("gone"), LinkLost)])

@@ -79,6 +79,7 @@ def test_another_car_parts_under_the_same_commands(verb, runs):
     assert "car: sim-3 -> sim-8" in output
 
 
+@pytest.mark.slow
 def test_the_page_has_both_and_needs_nothing_else(verb, runs, tmp_path):
     page = tmp_path / "page.html"
     result = verb("compare", runs["base"], runs["other"], "--html", page, "--json").json
@@ -100,6 +101,7 @@ def test_a_run_that_was_not_driven_is_compared_as_far_as_it_goes(verb, runs, tmp
     assert "not driven" in verb("compare", tmp_path / "stands.mcap", runs["base"]).out
 
 
+@pytest.mark.slow
 def test_a_file_of_the_car_that_changed_is_reported_key_by_key(verb, runs, tmp_path, monkeypatch):
     from dart_hal.recording.run import RunReader
 

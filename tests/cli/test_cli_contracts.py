@@ -179,6 +179,7 @@ def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
                 "--json").error["code"] == "D-REC-01"
 
 
+@pytest.mark.slow
 def test_record_and_replay(verb, tmp_path):
     run = tmp_path / "runs" / "run.mcap"
     table = tmp_path / "run.csv"
@@ -194,6 +195,7 @@ def test_record_and_replay(verb, tmp_path):
     assert f"{replayed['frames']} frames in" in verb("replay", run).out
 
 
+@pytest.mark.slow
 def test_drive_by_script(verb, tmp_path):
     script = tmp_path / "ahead.py"
     script.write_text("def control(state):\n    return None if state.t > 4 else (0.1, 0.3)\n")
@@ -218,6 +220,7 @@ def test_sim_reveal(verb):
     assert truth["sensors"]["encoder.ring"] != pytest.approx([1.0] * 20, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_top(verb):
     assert set(verb("top", "--url", MOCK_7_URL, "--duration", 0.3, "--json").json) == RUN_FIELDS
     shown = verb("top", "--url", MOCK_7_URL, "--duration", 0.3)
@@ -226,6 +229,7 @@ def test_top(verb):
     assert shown.out == ""
 
 
+@pytest.mark.slow
 def test_wire(verb):
     table = verb("wire", "--json").json
     assert {m["name"] for m in table["messages"]} >= {"STATE", "HELLO", "HEARTBEAT"}

@@ -64,7 +64,7 @@ def press(verb, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("nth", [1, 37, 400])
-@pytest.mark.slow_except("37")
+@pytest.mark.slow
 def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, nth):
     done, finger = press(nth)
     assert finger.moving >= nth, "it was interrupted while it drove"

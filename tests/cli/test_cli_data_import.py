@@ -34,6 +34,7 @@ def test_a_log_is_imported_and_checked(verb, log):
     assert not (log / "run.1.mcap").exists()
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_no_import_is_kept(verb, log):
     for number, content in enumerate((b"a drive", b"another"), 1):
         (log / "run.mcap").write_bytes(content)
@@ -44,6 +45,7 @@ def test_a_recording_that_is_no_import_is_kept(verb, log):
     assert is_imported(log / "run.mcap")
 
 
+@pytest.mark.slow
 def test_a_contradiction_is_refused_and_nothing_is_written(verb, log):
     wrong = MAP.replace('value = "steering"', 'value = {column = "steering", sign = -1}')
     (log / "map.toml").write_text(wrong)
@@ -70,6 +72,7 @@ def test_a_damaged_log_leaves_nothing_behind(verb, log):
         assert sorted(p.name for p in log.iterdir()) == ["log.csv", "map.toml"]
 
 
+@pytest.mark.slow
 def test_a_last_line_that_is_cut_off_is_stated(verb, log):
     text = (log / "log.csv").read_text()
     (log / "log.csv").write_text(text[:-40])
@@ -79,6 +82,7 @@ def test_a_last_line_that_is_cut_off_is_stated(verb, log):
     assert f"dropped: log.csv: the last line, {len(text.splitlines())}, which is cut off" in ran.out
 
 
+@pytest.mark.slow
 def test_a_proposed_map_imports_the_log(verb, log):
     ran = verb("data", "import", log / "log.csv", "--guess", "--out", log / "guess.toml")
     assert ran.code == 0
@@ -89,6 +93,7 @@ def test_a_proposed_map_imports_the_log(verb, log):
     assert json.loads(shown.out)["map"] == (log / "guess.toml").read_text()
 
 
+@pytest.mark.slow
 def test_the_sizes_of_the_named_car_are_in_the_recording(verb, log):
     from dart_hal.car.runs import read_run
 
@@ -113,6 +118,7 @@ def test_wrong_words_are_refused(verb, log, monkeypatch, words, what):
     assert sorted(p.name for p in log.iterdir()) == ["log.csv", "map.toml"]
 
 
+@pytest.mark.slow
 def test_an_imported_recording_cannot_be_replayed_and_is_refused(verb, log):
     verb("data", "import", log / "log.csv", "--map", log / "map.toml", "--out", log / "run.mcap")
     ran = verb("replay", log / "run.mcap")

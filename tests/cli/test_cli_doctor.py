@@ -52,6 +52,7 @@ def test_a_mock_is_no_firmware(verb):
     assert set(found.values()) == {"ok"}
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_the_firmware_is_well(verb):
     found = verdicts(verb("doctor", "--url", "sim://?nano=avr&cutoff=oe", "--json", "--seconds", 2))
@@ -75,6 +76,7 @@ def test_what_was_found_is_shown_as_it_is(verb, monkeypatch):
     assert "/tmp/:x:/[red]" in verb("doctor", "--url", MOCK_URL).out
 
 
+@pytest.mark.slow
 def test_in_words(verb):
     shown = verb("doctor", "--url", MOCK_URL)
     assert shown.code == 0
@@ -107,12 +109,14 @@ def test_no_pca9685_still_looks_at_the_rest(verb, change_backend):
     assert found["rate"] == "ok"
 
 
+@pytest.mark.slow
 def test_a_bad_line_is_detected_in_the_losses(verb):
     found = verdicts(verb("doctor", "--url", MOCK_URL + "&ber=3e-4", "--json", "--seconds", 1))
     assert found["losses"] in ("warn", "fail")
     assert found["port"] == "ok"
 
 
+@pytest.mark.slow
 def test_without_a_bus_the_car_is_not_reported_as_able_to_drive(verb, change_backend):
     change_backend(lambda backend: dataclasses.replace(backend, bus=None))
     done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
@@ -181,7 +185,7 @@ def test_printed_remedy_clears_its_warning(verb, url, where):
 
 
 @pytest.mark.parametrize("cars", ["cars", "share/dart-hal/cars", "my cars"])
-@pytest.mark.slow_except("cars")
+@pytest.mark.slow
 def test_steering_map_is_found_where_calibrate_writes_it(verb, monkeypatch, tmp_path, cars):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     steering = SteeringTable(pulse_us=(1200.0, 1800.0), angle_rad=(-0.3, 0.3), std_rad=(0.1, 0.1))
@@ -202,6 +206,7 @@ def test_remedy_names_url_and_folder_of_the_doctor(verb):
     assert shlex.split(command)[3:] == ["--url", url, "--cars", "my cars"]
 
 
+@pytest.mark.slow_except("0-None-")
 @pytest.mark.parametrize(("battery", "verdict", "words"), [
     ("1", "ok", "V per cell"), ("charge=0.05", "warn", "V per cell"), ("0", None, ""),
     ("nano", "ok", "V per cell")])
@@ -227,6 +232,7 @@ def test_a_divider_that_is_off_is_a_warning_with_its_place(verb, change_backend)
     assert "06_wiring.md" in next(c["try"] for c in done.json["checks"] if c["id"] == "battery")
 
 
+@pytest.mark.slow_except("-[[]rc]-warn")
 @pytest.mark.parametrize(("options", "table", "verdict"), [
     ("&rc=1", "", "ok"), ("&rc=1", "mode_us = 1500.0", "warn"), ("", "[rc]", "warn"),
     ("&rc=1", "enabled = false", None), ("", "", None)])

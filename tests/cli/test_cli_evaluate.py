@@ -47,6 +47,7 @@ def moved_to(tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_json_has_the_shape_of_the_contract(verb):
     got = verb("evaluate", "--model", "paper", "--json", FREE_DRIVE, CIRCLES, STEP_INPUTS).json
     assert got["model"] == "paper"
@@ -251,6 +252,7 @@ def test_a_model_among_the_recordings_is_refused_with_its_option(verb):
     assert error["try"] == f"dart-hal evaluate --model model.toml {CIRCLES}"
 
 
+@pytest.mark.slow
 def test_slow_recordings_are_not_judged_by_missing_speeds(verb, moved_to):
     """It has vicon columns: asking for schema B or C would send the user in a circle."""
     folder = moved_to(0.0, rows=160).parent

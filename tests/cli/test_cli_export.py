@@ -18,6 +18,7 @@ def run(verb, tmp_path):
     return tmp_path / "run.mcap"
 
 
+@pytest.mark.slow
 def test_csv_is_always_there(verb, run, tmp_path, monkeypatch):
     for name in ("pandas", "pyarrow"):
         monkeypatch.setitem(sys.modules, name, None)
@@ -47,6 +48,7 @@ def test_parquet_without_pyarrow_is_refused_and_nothing_is_written(verb, run, tm
     assert not (tmp_path / "run.parquet").exists()
 
 
+@pytest.mark.slow
 def test_bags_are_new_files_of_the_right_name(verb, run, tmp_path):
     result = verb("export", "ros1", run, "--out", tmp_path / "run.bag", "--json").json
     assert set(result) == {"recording", "bag", "messages"}
@@ -89,6 +91,7 @@ def test_several_runs_are_episodes_of_lerobot_alone(verb, run, tmp_path):
     assert error["what"] == "export ros2 takes one recording"
 
 
+@pytest.mark.slow
 def test_a_recording_is_not_written_over(verb, run):
     before = run.read_bytes()
     assert "replace" in verb("export", "csv", run, "--out", run, "--json").error["what"]

@@ -70,6 +70,7 @@ def test_with_a_guard_distance_it_stops_before_a_wall(verb, tmp_path, guard, end
     assert (done.json["summary"]["distance_m"] > 3.5) == walls_passed
 
 
+@pytest.mark.slow
 def test_out_of_time_it_stops_and_reports_it(verb, bend):
     done = verb("follow", bend, "--speed", 0.5, "--odometry", "--duration", 1,
                 "--url", "sim://?seed=3&nano=mock")

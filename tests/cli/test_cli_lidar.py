@@ -96,7 +96,7 @@ def babbler():
 
 
 @pytest.mark.parametrize("words_of_verb", [("record",), ("localize",)])
-@pytest.mark.slow_except("*verb0")
+@pytest.mark.slow
 def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
     """As fast as it can a virtual car is done before more than a chunk has come."""
     monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.0)

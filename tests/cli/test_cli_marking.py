@@ -58,6 +58,7 @@ def test_a_calibrated_car_is_inside(calibrated):
     assert found["encoder.metres_per_edge"].unit == "m"
 
 
+@pytest.mark.slow
 def test_a_falsified_calibration_is_outside(calibrated, tmp_path):
     """Negative control: one number is wrong, the other one is still inside."""
     def move(saved):
@@ -69,6 +70,7 @@ def test_a_falsified_calibration_is_outside(calibrated, tmp_path):
     assert found["encoder.ring"].inside
 
 
+@pytest.mark.slow
 def test_one_wrong_interval_of_a_ring_is_outside(calibrated, tmp_path):
     def move(saved):
         ring = saved.encoder.ring
@@ -82,6 +84,7 @@ def test_one_wrong_interval_of_a_ring_is_outside(calibrated, tmp_path):
     assert "interval 4" in ring.name or "interval 10" in ring.name
 
 
+@pytest.mark.slow
 def test_the_sheet_has_one_line_for_each_quantity_and_a_count(verb, calibrated, tmp_path):
     done = verb("sim", "--reveal", "--url", SEED_7, "--against", calibrated)
     lines = done.out.splitlines()

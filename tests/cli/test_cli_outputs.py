@@ -80,6 +80,7 @@ def test_no_output_is_replaced_without_a_message(verb, option, tmp_path, capsys)
     assert "replaced" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_spellings_of_version_0_1_give_a_notice(verb, tmp_path):
     old = verb("replay", "none.mcap", "--csv", "a.csv").err
     assert "--csv is --out since version 0.2" in old

@@ -12,6 +12,7 @@ from dart_lab.sim.cutoff import CUTOFFS
 from tests.common import MOCK_URL, ROOT
 
 
+@pytest.mark.slow_except("safety_out-mux-2")
 @pytest.mark.parametrize(("name", "value", "now"), [
     ("safety_out", "mux", 2), ("safety_out", "oe", 1), ("safety_out", "0", 0), ("ring_b", "1", 1)])
 def test_it_is_written_and_confirmed(verb, name, value, now):
@@ -20,6 +21,7 @@ def test_it_is_written_and_confirmed(verb, name, value, now):
     assert (answer["parameter"], answer["value"]) == (name, now)
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_the_firmware_confirms(verb):
     try:
@@ -31,6 +33,7 @@ def test_the_firmware_confirms(verb):
     assert "safety_out = 2;" in ran.out
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_what_the_firmware_refuses_is_reported_at_once(verb):
     """There is no Optiboot under this address: its watchdog would reset for ever."""
@@ -43,6 +46,7 @@ def test_what_the_firmware_refuses_is_reported_at_once(verb):
     assert error["found"] == "it stays 0"
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_what_it_confirms_is_in_the_eeprom():
     """The Nano may lose its supply in the moment of the answer."""

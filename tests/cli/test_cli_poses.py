@@ -34,6 +34,7 @@ def test_a_driven_run_keeps_them(verb, poses, tmp_path):
     assert len(list(RunReader(out).poses())) > 20
 
 
+@pytest.mark.slow
 def test_top_shows_where_the_car_is(verb, poses):
     ran = verb("top", "--url", KINEMATIC_URL, "--poses", poses, "--duration", 0.3)
     assert "TRACKING" in ran.out + ran.err

@@ -130,6 +130,7 @@ def test_a_recording_or_a_desk_is_not_driven(verb, tmp_path):
     assert "has no actuators" in error["what"]
 
 
+@pytest.mark.slow
 def test_a_new_recording_keeps_the_old_one(verb, tmp_path):
     run = tmp_path / "run.mcap"
     for _ in range(3):
@@ -161,6 +162,7 @@ def test_a_script_without_control_lists_what_it_has(verb, tmp_path):
     assert "steer" in error["found"]
 
 
+@pytest.mark.slow
 def test_a_command_that_is_no_number_ends_the_drive(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("def control(state):\n    return float('nan'), 0.2\n")
@@ -352,7 +354,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
     ("print('hello')\ndef control(state):\n    print('there')\n    return 0.0, 0.0\n", None),
     ("import sys\ndef control(state):\n    sys.exit(3)\n", "D-USE-02"),
 ])
-@pytest.mark.slow_except("import*")
+@pytest.mark.slow
 def test_a_script_cannot_spoil_the_one_json_object(verb, tmp_path, text, code):
     script = tmp_path / "mine.py"
     script.write_text(text)

@@ -89,6 +89,7 @@ def test_half_a_motion_capture_is_named(home, verb):
     assert any("dart-hal calibrate mocap" in line for line in result["to_do"])
 
 
+@pytest.mark.slow
 def test_a_number_that_moved_by_more_than_chance_is_highlighted(home, verb):
     write_calibration(home, 25.0e6)
     write_calibration(home, 25.1e6)

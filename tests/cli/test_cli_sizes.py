@@ -65,6 +65,7 @@ def test_identify_writes_the_sizes_of_the_named_car(verb, own_recording, cars, m
     assert model.provenance["sizes"].startswith("car long")
 
 
+@pytest.mark.slow
 def test_sizes_that_are_assumed_follow_the_verdict(verb, own_recording):
     for words in (["evaluate", own_recording],
                   ["identify", "steering", own_recording, "--dry-run"]):
@@ -97,6 +98,7 @@ def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own_recordi
     assert answer["sizes"]["caution"] is None, "a car of 1:10, as the recording counts"
 
 
+@pytest.mark.slow
 def test_recording_without_a_car_is_cautioned_with_a_model_of_a_larger_car(verb, own_recording,
                                                                              cars):
     described = cars / "long" / "car.toml"
@@ -154,6 +156,7 @@ def test_values_are_compared_with_the_base_that_was_used(verb, own_recording, tm
     assert "paper" not in other
 
 
+@pytest.mark.slow
 def test_published_recordings_of_dart_are_compared_with_the_paper(verb):
     fit = verb("identify", "friction", "--json", "--dry-run", PUBLISHED).json["fits"]["friction"]
     assert fit["paper"]["parameters"]["a"] == find_model("paper")[1].friction.a

@@ -23,6 +23,7 @@ def beginning(text: str) -> list[str]:
     return text.splitlines()[:3]
 
 
+@pytest.mark.slow
 def test_data_check_begins_with_its_verdict(verb):
     verdict, uses, first = beginning(verb("data", "check", FREE_DRIVE).out)
     assert verdict == "1 of 1 recordings is good for a fit or an evaluation, 67.8 s in total."
@@ -30,6 +31,7 @@ def test_data_check_begins_with_its_verdict(verb):
     assert first == "First: dart-hal evaluate FILES, then dart-hal diagnose --train FILES"
 
 
+@pytest.mark.slow
 def test_evaluate_begins_with_its_verdict(verb):
     ran = verb("evaluate", FREE_DRIVE)
     verdict, errors, first = beginning(ran.out)
@@ -66,6 +68,7 @@ def test_identify_names_a_fit_that_is_not_sound(verb):
     assert "front_C stopped at the edge of the allowed interval" in first
 
 
+@pytest.mark.slow
 def test_accept_begins_with_its_verdict(verb):
     done = verb("accept", "--yes", "--url", ACCEPTED_CAR, "--emulator", EMULATED, *only("rotation"))
     verdict, steps, first = beginning(done.out)
@@ -75,6 +78,7 @@ def test_accept_begins_with_its_verdict(verb):
     assert first == "First: dart-hal calibrate all"
 
 
+@pytest.mark.slow
 def test_accept_lists_values_and_notices_with_full(verb):
     words = ("accept", "--yes", "--url", ACCEPTED_CAR, "--emulator", EMULATED, *only("rotation"))
     short = verb(*words)
@@ -100,6 +104,7 @@ def test_accept_begins_with_the_step_that_failed(verb):
     assert len(first) > len("First: ")
 
 
+@pytest.mark.slow
 def test_report_begins_with_its_verdict(verb, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Car.open(MOCK_3_URL, record=tmp_path / "runs" / "at_rest.mcap") as car:

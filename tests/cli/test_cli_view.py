@@ -36,6 +36,7 @@ def capture_options(monkeypatch):
     return captured
 
 
+@pytest.mark.slow
 def test_a_simulated_car_comes_with_its_room_and_real_time(verb, capture_options):
     result = verb("view", "--url", MOCK, "--camera", "top", "--duration", 1, "--json").json
     assert result == {"urls": ["http://localhost:1/#token"]}
@@ -46,12 +47,14 @@ def test_a_simulated_car_comes_with_its_room_and_real_time(verb, capture_options
             capture_options["duration"]) == (True, None, 1.0)
 
 
+@pytest.mark.slow
 def test_the_other_cars_of_a_room_are_requested(verb, capture_options):
     verb("view", "--url", "sim://?nano=mock", "--room", "local://seen", "--json")
     assert capture_options["others"]() == {}
     assert capture_options["lines"] == {}
 
 
+@pytest.mark.slow
 def test_phones_get_a_picture_of_the_address(verb, capture_options):
     out = verb("view", "--url", "sim://?nano=mock", "--lan", "--duration", 1)
     assert capture_options["lan"] is True
@@ -63,6 +66,7 @@ def test_a_recording_that_is_not_there_is_named(verb):
     assert "no recording" in verb("view", "none.mcap", "--json").error["what"]
 
 
+@pytest.mark.slow
 def test_two_recordings_are_served_and_three_refused(verb, monkeypatch, tmp_path):
     from dart_lab.live.view import player
 

@@ -76,6 +76,7 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=POSE
     return follower, neutral, np.array(pulses)
 
 
+@pytest.mark.slow
 def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
     follower, neutral, pulses = driven()
     t, us = pulses.T
@@ -130,6 +131,7 @@ def test_control_without_that_time_it_never_ends(monkeypatch):
         driven(2.8, downhill=True, until=8.0)
 
 
+@pytest.mark.slow
 def test_a_car_that_is_held_is_given_up_at_neutral():
     """Its motor pulls against what holds the wheel for the time in which a car has to move."""
     follower, neutral, pulses = driven(60.0, blocked=True, until=10.0, lost_at=5.0)

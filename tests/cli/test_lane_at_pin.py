@@ -79,7 +79,7 @@ def driven(fault, until=inf, blocked=False):
     return follower, neutral, np.array(pulses)
 
 
-@pytest.mark.slow_except("silent")
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", SCAN_FAULTS)
 def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     follower, neutral, pulses = driven(fault)

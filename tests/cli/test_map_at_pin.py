@@ -50,7 +50,7 @@ def driven(room, fault="", until=20.0, distance=inf):
     return follower, neutral, np.array(pulses), near
 
 
-@pytest.mark.slow_except("silent")
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["silent", "none"])
 def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
     follower, neutral, pulses, _ = driven("corridor", fault)

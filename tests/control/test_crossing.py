@@ -45,7 +45,7 @@ def four(kind="near", seed=1, loss=0.0, faults=NO_FAULTS, seconds=25.0, name="in
 
 
 @pytest.mark.parametrize("kind", ["symmetric", "near"])
-@pytest.mark.slow_except("symmetric")
+@pytest.mark.slow
 def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
     run = four(kind, loss=0.5)
     assert run.least > LEAST
@@ -79,6 +79,7 @@ def test_two_hundred_arrivals(name, loss, within):
 
 # -- silence, death, restart ---------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_without_any_message_all_wait_before_the_ground_and_name_who_is_silent():
     run = four(loss=1.0, seconds=6.0)
     entry = layout().entry[0]
@@ -89,7 +90,7 @@ def test_without_any_message_all_wait_before_the_ground_and_name_who_is_silent()
 
 
 @pytest.mark.parametrize("place", [2.4, 3.3, 4.2])
-@pytest.mark.slow_except("3.3")
+@pytest.mark.slow
 def test_who_meets_a_dead_car_waits_for_it_by_name(place):
     """Its computer does nothing from there on, and it rolls out: before the ground, on it, behind
     it."""
@@ -110,7 +111,7 @@ def test_who_goes_silent_is_waited_for_where_it_was_heard_last():
 
 
 @pytest.mark.parametrize(("when", "keeps"), [(1.0, True), (2.5, True), (2.5, False), (3.5, False)])
-@pytest.mark.slow_except("2.5-True")
+@pytest.mark.slow
 def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
     run = four("symmetric", faults=Faults(restart=(0, when, 1.5, keeps)), seconds=30.0)
     assert run.least > LEAST
@@ -191,6 +192,7 @@ def test_by_mid_planes_alone_four_symmetric_cars_wait_for_ever():
 
 # -- layouts and laws ------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_lanes_that_are_too_near_to_each_other_are_refused():
     with pytest.raises(UsageError, match="too near to each other") as e:
         layouts.intersection(lane_offset=0.15)
@@ -333,7 +335,7 @@ class OneWay(Network):
 
 
 @pytest.mark.parametrize("passes", [True, False])
-@pytest.mark.slow_except("True")
+@pytest.mark.slow
 def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch):
     """Without what the others pass on, the car is waited for as long as one looks."""
     if not passes:

@@ -246,7 +246,7 @@ def test_a_lap_through_the_speed_loop(law):
 @pytest.mark.parametrize(("spoil", "why"), [
     ("late", "no plan within 0.05 s, 4 times in a row"),
     ("blocked", "obstacles leave no way within the lane")])
-@pytest.mark.slow_except("blocked-*")
+@pytest.mark.slow
 def test_a_drive_without_plans_slows_down_and_names_the_reason(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
     follower = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc")

@@ -56,6 +56,7 @@ def test_a_command_and_what_it_does(command):
     assert found.command(found.effective(command)) == pytest.approx(command, abs=1e-12)
 
 
+@pytest.mark.slow_except("10")
 @pytest.mark.parametrize("every", [1, 10])
 def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     """A car that does what its model says, steered to and fro, without any slip, predicts

@@ -19,6 +19,7 @@ def record_calls(count, start=0):
     return driven, offsets
 
 
+@pytest.mark.slow_except("1")
 @pytest.mark.parametrize("count", [1, 100, MAX_RECORDED_ROWS - 1, 5 * MAX_RECORDED_ROWS])
 def test_figures_are_of_every_call_and_rows_are_bounded(count):
     driven, offsets = record_calls(count)

@@ -47,6 +47,7 @@ def make_tracking_hook(t, t_change, tracking=Tracking.LOST):
     return each
 
 
+@pytest.mark.slow
 def test_an_open_path_ends_at_its_end_at_rest():
     follower, rows = drive()
     assert follower.good
@@ -73,6 +74,7 @@ def test_a_lost_pose_stops_the_car():
     assert rows[-1, 1] < 3.5
 
 
+@pytest.mark.slow
 def test_a_pose_that_is_lost_for_a_moment_does_not():
     """The control."""
     follower, _ = drive(each=lambda t, f, m: replace(
@@ -98,6 +100,7 @@ def follow_with_gap(seconds, std=0.0, silent=True):
     return follower
 
 
+@pytest.mark.slow
 def test_a_silent_lidar_is_bridged_for_a_second_and_no_longer():
     assert follow_with_gap(0.9 * MAX_BRIDGED_GAP).good
     assert "the pose was lost" in follow_with_gap(1.1 * MAX_BRIDGED_GAP).why
@@ -114,6 +117,7 @@ def test_poses_that_are_rejected_are_not_bridged():
     assert "the pose was lost: JUMPED for 0.5 s" in follower.why
 
 
+@pytest.mark.slow
 def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
     """The controls."""
     assert "the pose was lost" in follow_with_gap(0.9 * MAX_BRIDGED_GAP, silent=False).why
@@ -187,6 +191,7 @@ def test_no_pose_no_drive():
                                         START_FRAME)).speed > 0.0
 
 
+@pytest.mark.slow
 def test_a_car_that_never_comes_to_the_path_is_stopped():
     def each(t, follower, motion):
         pose = motion.pose
@@ -235,6 +240,7 @@ def test_a_drive_may_begin_anywhere():
     assert follower.driven.table[-1, 6] > follower.begun_at + track.length
 
 
+@pytest.mark.slow
 def test_here_lays_the_path_from_the_car():
     follower, rows = drive(rules=Rules(here=True), start=(3.0, 2.0, 1.0))
     assert follower.begun_at == pytest.approx(0.0, abs=1e-6)
@@ -261,6 +267,7 @@ def observe_phases(start, path=LONG, cap=1.0):
     return follower, rows, phases
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw", [-1.5, -1.2, 1.2, 1.5])
 def test_a_car_turned_on_the_path_joins_before_it_must_stay_in_the_lane(yaw):
     follower, rows, phases = observe_phases((0.0, 0.0, yaw))
@@ -272,11 +279,13 @@ def test_a_car_turned_on_the_path_joins_before_it_must_stay_in_the_lane(yaw):
     assert np.abs(rows[:len(following), 3][following]).max() < follower.rules.lane
 
 
+@pytest.mark.slow
 def test_a_car_along_the_path_follows_at_once():
     _, _, phases = observe_phases((0.0, 0.05, 0.1))
     assert Phase.JOINING not in phases[2:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("offset", "yaw"), [(0.9, 1.2), (-0.9, -1.2), (0.6, 1.57)])
 def test_a_start_that_must_turn_too_far_from_the_path_is_refused(offset, yaw):
     with pytest.raises(UsageError, match=r"the first turn would lead the car 1[.]\d\d m away"):

@@ -76,6 +76,7 @@ def ask(device, layout):
     return ask_layout(str(path), move)
 
 
+@pytest.mark.slow_except("odd")
 @pytest.mark.parametrize("layout", [ODD, GamepadLayout()], ids=["odd", "default"])
 def test_the_questions_find_the_layout(device, layout):
     found, name = ask(device, layout)
@@ -101,6 +102,7 @@ def test_a_saved_layout_is_used(device):
     other.close()
 
 
+@pytest.mark.slow
 def test_a_pad_that_does_not_answer_is_reported(device, monkeypatch):
     monkeypatch.setattr(gamepad_map, "MAX_ANSWER_S", 0.2)
     with pytest.raises(UsageError, match="no answer"):
@@ -179,6 +181,7 @@ def virtual(sdl):
     pad.detach()
 
 
+@pytest.mark.slow
 def test_a_pad_of_the_database_drives(sdl, virtual, tmp_path):
     pad = open_gamepad(str(tmp_path / "no-joystick"))
     assert isinstance(pad, SdlGamepad)

@@ -46,6 +46,7 @@ def test_slowly_and_without_slip_the_angle_is_ackermanns():
     assert steady.max_speed(np.array([1.2, 2.5]), (-0.3, 0.3)) == pytest.approx((SPEEDS[-1], 0.0))
 
 
+@pytest.mark.slow_except("paper")
 @pytest.mark.parametrize("p", [PAPER, LATER, apply(LATER, "steering_trim", k=0.03)],
                          ids=["paper", "later", "trim"])
 def test_the_table_is_monotone_and_turns_round(p):

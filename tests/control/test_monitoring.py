@@ -110,7 +110,7 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
 
 
 @pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
-@pytest.mark.slow_except("9-2")
+@pytest.mark.slow
 def test_an_unstable_spread_is_left_for_another(n, p):
     theta = evenly_spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
     for _ in range(1500):
@@ -206,6 +206,7 @@ def test_without_the_formation_targets_escape():
     assert escapes(TEAM, place_together(TEAM), n=50)[0] > 0
 
 
+@pytest.mark.slow
 def test_ten_targets_are_observed_and_without_the_formation_they_are_not():
     assert escapes(TEAM, TEAM.slots, n=10, each=5, steps=80, cells=41)[0] == 0
     assert escapes(TEAM, place_together(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0

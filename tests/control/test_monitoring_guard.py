@@ -166,6 +166,7 @@ def answer_messages(one, t, X, v, messages):
                       messages)
 
 
+@pytest.mark.slow
 def test_its_mode_is_reported():
     """From the first pose on: alone, spreading, in its slot, without its neighbour, alone."""
     one = robot()

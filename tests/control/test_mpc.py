@@ -201,6 +201,7 @@ def test_a_plan_of_numbers_that_are_none_is_thrown_away():
     assert loop.step().outcome is PlanOutcome.SOLVED
 
 
+@pytest.mark.slow
 def test_a_drive_whose_plans_are_late_slows_down_and_names_the_reason():
     """Three late plans are the last one, shifted; then the linear-quadratic tracker brakes."""
     straight = Path([(9.0, 0.0)], closed=False)
@@ -222,6 +223,7 @@ def test_a_drive_whose_plans_are_late_slows_down_and_names_the_reason():
     assert np.abs(rows[:, 3]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_before_an_obstacle_without_a_way_past_it_the_car_stops():
     """One in the middle of the lane."""
     straight = Path([(9.0, 0.0)], closed=False)
@@ -296,6 +298,7 @@ def test_a_car_that_comes_over_is_passed_on_the_other_side():
         assert corridor._sides == {o: side}
 
 
+@pytest.mark.slow
 def test_what_it_expects_and_its_covariance():
     """The plan's own states are what comes; the covariance grows along the path."""
     loop = Loop(controller(P, TRACK, 1.5))

@@ -33,6 +33,7 @@ def programme(seed: int) -> tuple[np.ndarray, np.ndarray, Constraints]:
         c, low, np.full(30, 0.3), price, np.full(30, 1.0))
 
 
+@pytest.mark.slow
 def test_stages_and_slopes_agree():
     """The differences of numpy err by their step of 1e-6 times the bend of the tyres."""
     for ours, theirs in zip(generated.compile_lineariser(P)(TEST_STATES, INPUTS),
@@ -71,6 +72,7 @@ def test_the_splitting_finds_what_osqp_finds():
     assert solve(h, g, rows, 2000) == pytest.approx(solver.solve().x[:n], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_same_plans():
     loops = [Loop(controller(P, TRACK, 1.5, compiled=of_c)) for of_c in (False, True)]
     for _ in range(15):

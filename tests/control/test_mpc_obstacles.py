@@ -122,6 +122,7 @@ def test_its_stated_deviation_is_honest(monkeypatch):
     assert (np.abs(found[:, 10]) < 2.0 * stated[:, 10]).mean() < 0.7
 
 
+@pytest.mark.slow
 def test_a_drive_goes_on_behind_a_disc_that_is_far_away():
     drive = follower(Disc(4.0, 2.0, 0.15))
     rows = light_drive(drive, seconds=2.0)
@@ -148,11 +149,12 @@ def measure_least_air(speed: float, shut_at: float) -> float:
 
 
 @pytest.mark.parametrize(("speed", "shut_at"), [(1.5, 3.1), (2.0, 2.9), (2.0, 3.3), (1.0, 3.5)])
-@pytest.mark.slow_except("1.5-3.1", "2.0-2.9")
+@pytest.mark.slow
 def test_lane_that_is_shut_while_an_obstacle_is_passed_leads_to_no_contact(speed, shut_at):
     assert measure_least_air(speed, shut_at) > 0.10
 
 
+@pytest.mark.slow
 def test_steering_back_to_the_path_would_hit_the_obstacle(monkeypatch):
     """The control."""
     monkeypatch.setattr(tracker.Contouring, "_find_course", lambda self, plan: tracker._ON_PATH)

@@ -108,6 +108,7 @@ def test_what_the_rule_allows_leaves_a_stop(gap, speed, lead_speed, dt, brake, m
         assert gap - way - w**2 / (2 * brake) + lead_speed**2 / (2 * more * brake) < 0.02, "control"
 
 
+@pytest.mark.slow
 def test_the_rule_keeps_the_margin_at_every_delay_and_the_published_law_does_not():
     for delay in (0.1, 0.2):
         how = {"seeds": range(3), "gains": DART, "delay": delay, "lasts": 25.0, **AS_PUBLISHED}
@@ -192,6 +193,7 @@ def test_disturbances_fade_along_the_string_at_delays_up_to_a_fifth_of_a_second(
     assert peak_gain(STABLE, 0.05, 0.1, age=0.05, compensated=False) > 1.5, "control"
 
 
+@pytest.mark.slow
 def test_the_peak_is_what_a_wave_does():
     gains = replace(STABLE, share=0.0)
     dt = 0.05
@@ -217,6 +219,7 @@ def test_the_peak_is_what_a_wave_does():
 # -- attack and loss ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_lie_is_found_and_no_wave_is_taken_for_one():
     def followers(attacks):
         scenario = Scenario(lambda t: 0.8 * sin(2 * pi * t / 6), attacks=attacks)

@@ -54,6 +54,7 @@ def test_two_stray_points_are_no_car():
     assert gap.metres == pytest.approx(5.0 - REAR_LENGTH - 4.0 - FRONT_LENGTH, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_fleet_takes_the_lidar_of_each_car_as_its_source_of_poses(tmp_path):
     chart = example.corridor(tmp_path, 8.0)
     with Fleet.open(example.urls_of(chart, ["3,0,0"], [0]), poses=[f"lidar:{chart}?start=3,0,0"]

@@ -80,7 +80,7 @@ def exchange(make, seed, loss, seconds=8.0, delay=0.3, space=None):
 
 
 @pytest.mark.parametrize(("seed", "loss"), [(1, 0.0), (2, 0.5), (3, 0.8), (4, 0.8)])
-@pytest.mark.slow_except("2-0.5")
+@pytest.mark.slow
 def test_committed_plans_keep_the_distance_though_messages_are_lost(seed, loss):
     least, sharers = exchange(PlanSharer, seed, loss)
     assert least >= cross().min_distance - 1e-3
@@ -88,12 +88,14 @@ def test_committed_plans_keep_the_distance_though_messages_are_lost(seed, loss):
         assert all(s.committed.end_s > 5.0 for s in sharers), "all have a plan to the end"
 
 
+@pytest.mark.slow
 def test_plans_that_are_adopted_without_acknowledgement_meet():
     """The negative control: with the rule, the same messages cause no contact."""
     assert exchange(HastySharer, 2, 0.5, 3.0)[0] < 0.2
     assert exchange(PlanSharer, 2, 0.5, 3.0)[0] >= cross().min_distance - 1e-3
 
 
+@pytest.mark.slow
 def test_plans_that_may_end_on_the_paths_of_others_block_each_other(monkeypatch):
     """The second control, with plans of 3 s: with the rule all of them get to the end."""
     monkeypatch.setattr(search, "HORIZON_KNOTS", SHORT_HORIZON)

@@ -43,6 +43,7 @@ def backward(rows):
     return [row for row in rows if row[3] is EscMode.REVERSE or row[1] < -0.02]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", ["", pytest.param("&effect=throttle_lag:0.084",
                                                    marks=pytest.mark.slow)])
 def test_it_brakes_where_rolling_out_is_too_slow_and_never_reverses(more):
@@ -86,6 +87,7 @@ def test_control_braked_at_once_such_a_car_gets_reverse(monkeypatch):
     assert backward(modes_of(let_go_of_the_brake, seconds=1.8))
 
 
+@pytest.mark.slow
 def test_a_doubted_speed_is_neither_fed_back_nor_braked():
     rows = modes_of(up_and_down, seconds=3.0, more="&fail=enc:off@0.5s")
     doubted = [row for row in rows if "ENCODER_DOUBTED" in row[4]]

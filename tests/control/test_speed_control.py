@@ -46,6 +46,7 @@ def first_time(t, holds, t_start):
     return t[holds & (t > t_start)][0] - t_start
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow)
                                        for n in range(2, 9))])
 def test_forward_reverse_forward(seed):

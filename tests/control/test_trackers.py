@@ -35,7 +35,7 @@ def lap(name, speed, plant=LATE_PLANT, lane=1.0, whole=True, **options):
 
 
 @both_trackers
-@pytest.mark.slow_except("lqr")
+@pytest.mark.slow
 def test_two_metres_a_second(name):
     """The figures that are required of a whole car, with room for its electronics."""
     rms, largest = lap(name, 2.0, lane=0.3)

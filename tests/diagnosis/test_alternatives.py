@@ -64,6 +64,7 @@ def test_error_holds_the_number_of_the_other_model(fitted_search):
     assert wide.vehicle is final.vehicle
 
 
+@pytest.mark.slow
 def test_model_with_another_effect_is_fitted(fitted_search):
     search, of_drive, final = fitted_search
     wide = include_alternatives(final, (Exchange("yaw_damping", "front_grip"),), search, of_drive,
@@ -72,6 +73,7 @@ def test_model_with_another_effect_is_fitted(fitted_search):
         "tyres.rear_cornering_stiffness"]
 
 
+@pytest.mark.slow
 def test_without_other_models_errors_are_those_of_the_fit(fitted_search):
     search, of_drive, final = fitted_search
     assert include_alternatives(final, (), search, of_drive, USUAL.scan) is final

@@ -40,6 +40,7 @@ def test_a_voltage_that_not_all_recordings_have_is_not_used(drive):
     assert not any("voltage" in note for note in both.notes)
 
 
+@pytest.mark.slow_except("None-True*")
 @pytest.mark.parametrize(("motor_voltage", "measured", "expected"), [
     (None, True, "the model states no motor_voltage"),
     (7.4, False, "the motor is that of 7.4 V"), (None, False, ""), (7.4, True, "")])
@@ -85,6 +86,7 @@ def test_train_equal_to_test_is_refused_even_under_another_name(drive, tmp_path)
         check_inputs([drive, other(drive)], [drive], PAPER)
 
 
+@pytest.mark.slow
 def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
     copy = tmp_path / "car_1_copy.csv"
     shutil.copy(drive.path, copy)
@@ -106,6 +108,7 @@ def test_a_wrong_unit_is_refused_by_column(drive, tmp_path, column, factor):
     assert "divide the column by" in refused.value.remedy
 
 
+@pytest.mark.slow
 def test_the_factor_is_named(drive, tmp_path):
     path = scale_column(tmp_path, drive, "vel encoder", 0.001)
     with pytest.raises(RecordingError, match="vel encoder") as refused:
@@ -135,6 +138,7 @@ def test_a_dead_encoder_is_reported_and_not_judged(drive, tmp_path):
     assert not np.isfinite(prepare_drive(inputs.train[0], PAPER.body.l_r).readings[:, 0]).any()
 
 
+@pytest.mark.slow
 def test_a_dead_gyro_is_reported_and_not_judged(drive, tmp_path):
     dead = read(scale_column(tmp_path, drive, "W (IMU)", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)

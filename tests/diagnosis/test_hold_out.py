@@ -82,6 +82,7 @@ def test_short_recordings_test_at_their_beginning_and_end_by_turns():
         assert min(gaps(train, tested)) >= GUARD_S - 1e-9
 
 
+@pytest.mark.slow
 def test_windows_of_the_sides_share_no_message(tmp_path):
     r = record_onboard(tmp_path, seconds=60.0)
     times = []

@@ -44,6 +44,7 @@ def draw_errors(true_ages, seed=1):
     return noise + np.stack([moved, 0.5 * moved], axis=2), slope
 
 
+@pytest.mark.slow
 def test_commands_within_their_ages_gain_nothing():
     true = np.random.default_rng(2).uniform(0.0, 0.1, size=ERROR_WINDOWS)
     assert compare_ages(draw_errors(true)[0], AGES, -0.01, 0.11)[0] < 3.0
@@ -91,6 +92,7 @@ def test_lost_commands_are_found_with_their_moments():
         assert (again is not None) == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hide", [lambda car: None, lambda car: add_gusts(car, 2.0, seed=1)])
 def test_a_sound_link_has_none(hide):
     assert simulate_minute(hide)[2] is None

@@ -94,6 +94,7 @@ def test_where_nothing_is_hidden_the_refit_is_the_predictor():
         errors_at_1_s(d.stages[1].horizons), rel=0.05)
 
 
+@pytest.mark.slow
 def test_every_recording_is_left_out_once():
     b = diagnose_hidden(hidden=True).predictor
     assert len(b.left_out) == 4
@@ -114,6 +115,7 @@ def test_the_interval_of_ratios_holds_the_truth_in_nine_of_ten_draws():
     assert 870 < inside < 930
 
 
+@pytest.mark.slow
 def test_its_file_is_a_model_with_the_same_numbers(tmp_path):
     d = diagnose_hidden(hidden=True)
     train = drives(hidden=True)[:4]
@@ -138,6 +140,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
         predictor_model(made.diagnosis(), base, [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "sentence"), [
     (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
     pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
@@ -201,6 +204,7 @@ def test_a_page_without_one_has_no_section():
     assert 'id="predictor"' not in page(made.diagnosis())
 
 
+@pytest.mark.slow
 def test_two_recordings_are_refused_before_anything_is_searched():
     model, vehicle = find_model("paper")
     one, two, _, _, test = drives(hidden=False)
@@ -209,6 +213,7 @@ def test_two_recordings_are_refused_before_anything_is_searched():
     assert refused.value.found.startswith("2 training recording")
 
 
+@pytest.mark.slow
 def test_the_command_line_refuses_it_without_a_refit(tmp_path, capsys):
     files = [r.path for r in drives(hidden=False)]
     with pytest.raises(SystemExit) as ended:

@@ -84,7 +84,7 @@ def test_what_the_model_lacks_is_no_other_floor(drive):
 
 
 @pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
-@pytest.mark.slow_except("other0-grip")
+@pytest.mark.slow
 def test_two_floors_or_cars_are_distinguished_by_name(drive, other, what):
     ours = [drive("same", PAPER, i) for i in range(2)]
     theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]
@@ -95,6 +95,7 @@ def test_two_floors_or_cars_are_distinguished_by_name(drive, other, what):
     assert f"--train {names(ours)}" in warnings
 
 
+@pytest.mark.slow
 def test_a_test_set_of_another_floor_is_reported(drive):
     warnings = list_warnings([drive("same", PAPER, i) for i in range(3)],
                              [drive("grip", SLIPPERY, 0)])
@@ -123,6 +124,7 @@ def test_by_its_own_sensors_a_car_is_distinguished_from_another(tmp_path):
     assert list_warnings(ours[:2], ours[2:]) == ""
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32), st.integers(2, 12))
 @settings(max_examples=50, deadline=None)
 def test_noise_of_its_stated_size_is_no_second_floor(seed, n):

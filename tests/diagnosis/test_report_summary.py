@@ -89,6 +89,7 @@ def test_what_is_left_is_a_multiple_of_the_noise_floor():
     assert "Left: errors of 1.4 (speed) times the noise floor." in lines
 
 
+@pytest.mark.slow
 def test_a_problem_of_the_data_comes_first():
     d = made.diagnosis()
     assert "problem" not in summary_lines(d)[-1]

@@ -50,6 +50,7 @@ def test_a_single_change_beyond_its_error_counts_with_any_covariance():
     assert exceeds((0.0, 0.0), known=()), "a parameter without a stated error has no range"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation", [0.0, -0.6, -0.97])
 def test_a_right_model_leaves_the_ellipsoid_as_rarely_as_the_single_error(correlation):
     """Drawn from the stated covariance, at most 5 % leave the ellipsoid and 5 % each error."""

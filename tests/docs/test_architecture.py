@@ -45,6 +45,7 @@ def test_every_package_is_shown(package):
     assert names_in(drawing(package)) == existing
 
 
+@pytest.mark.slow
 def test_every_folder_of_the_tree_is_shown():
     drawn = {line.split()[0].rstrip("/") for line in drawing("The whole tree")}
     existing = set()

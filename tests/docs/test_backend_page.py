@@ -82,6 +82,7 @@ def served_car(tmp_path, armed_esc):
         converter.close()
 
 
+@pytest.mark.slow
 def test_the_backend_of_the_page_reads_states(package, served_car):
     converter, _, name, cars = served_car
     with Car.open(f"tcp://{converter.address}", car=name, cars=cars) as car:

@@ -25,6 +25,7 @@ def example_folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_catalogue_has_the_effect_with_its_equation(example_folder):
     done = run_with(example_folder, """
 from dart_hal.vehicle.effects import catalogue, equation_text, own_effects
@@ -35,6 +36,7 @@ print(equation_text(catalogue()["tail_fin"]).strip())""")
         "['tail_fin']", "F_yr = F_yr(tyre) - k v_x (v_y - l_r omega)"]
 
 
+@pytest.mark.slow
 def test_a_simulated_car_drives_with_it(example_folder):
     """Circles at speed: the rear slides less, so the car turns less."""
     done = run_with(example_folder, """
@@ -68,6 +70,7 @@ print([c.effect for c in found.causes])""")
     assert done.stdout.split("\n")[0] == "['tail_fin']"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "found"), [
     ("EFFECT = 7", "found    : 7"), ("EFFECT = effects.own_effects()['grip']", "named grip")])
 def test_what_is_no_new_effect_is_refused(tmp_path, line, found):

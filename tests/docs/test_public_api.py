@@ -47,7 +47,7 @@ def test_the_page_of_the_reference_has_each_public_name_once():
 
 
 @pytest.mark.parametrize("number", range(len(programs_in(PYTHON_PAGE))))
-@pytest.mark.slow_except("0", "2")
+@pytest.mark.slow
 def test_a_program_of_the_reference_runs(number, tmp_path):
     for folder in ("cars", "tests"):
         (tmp_path / folder).symlink_to(ROOT / folder)
@@ -91,6 +91,7 @@ def test_every_public_name_is_there_and_completion_offers_it_alone(package):
         package.nothing  # noqa: B018
 
 
+@pytest.mark.slow
 def test_a_verb_is_a_function_after_its_package_was_imported():
     program = ("import dart_lab.diagnosis, dart_lab.identification.evaluation\n"
                "from dart_lab import diagnose, evaluate, identify\n"

@@ -159,6 +159,7 @@ def test_a_verb_that_is_not_installed_is_unknown(capsys):
     assert code == 2
 
 
+@pytest.mark.slow
 def test_the_shortest_backend_opens_a_car(package, capsys):
     (arguments,) = commands("A backend")
     code, _ = run_verb(arguments, capsys)
@@ -170,6 +171,7 @@ def test_the_shortest_backend_opens_a_car(package, capsys):
     assert open_backend("twin://7").car == "sim-7"
 
 
+@pytest.mark.slow
 def test_a_calibration_of_another_package_measures_and_is_listed(package, capsys, tmp_path):
     heading = "A calibration of another package"
     (arguments,) = commands(heading)
@@ -214,6 +216,7 @@ def test_a_viewer_sees_the_car(package, capsys):
     assert capsys.readouterr().out == "0.0 m/s\n"
 
 
+@pytest.mark.slow
 def test_a_source_of_poses_of_another_package_is_opened(package, capsys):
     (program,) = programs("A sensor of another package")
     with pytest.raises(UsageError, match="is not a source of poses"):

@@ -54,7 +54,7 @@ def test_slices_leave_no_trace(probe, slice_s):
     assert all(cut_stamps[k] == whole_stamps[k] for k in common)  # to the cycle
 
 
-@pytest.mark.slow_except("0.001")
+@pytest.mark.slow
 @pytest.mark.parametrize("slice_s", [0.0001, 0.001])
 def test_slices_of_the_firmware_leave_no_trace(firmware, slice_s):
     whole, whole_stamps, _ = scenario(firmware, WORLD_TICK, seconds=1.5)

@@ -61,6 +61,7 @@ def test_state_time_is_the_time_of_its_latch(run):
     assert max(abs(e) / s.health.t_std for e, s in zip(errors, late, strict=True)) < 5
 
 
+@pytest.mark.slow
 def test_stated_uncertainty_is_small_on_a_virtual_link(run):
     states, _, _ = run
     assert states[-1].health.t_std < 50e-6

@@ -37,6 +37,7 @@ def collect_doubts(path: Path) -> dict[str, set[str]]:
     return names
 
 
+@pytest.mark.slow
 def test_a_recorded_dead_encoder_is_found(recordings):
     (path,) = recordings.glob("circles_27_sept_2024/*.csv")
     assert collect_doubts(path) == {next(iter(DEAD)): {"ENCODER_DEAD", "ENCODER_LOW"}}

@@ -208,7 +208,7 @@ def bends(seconds):
 
 
 @pytest.mark.parametrize("bend", [5.0, 10.0])
-@pytest.mark.slow_except("5.0")
+@pytest.mark.slow
 def test_yaw_is_honest_about_the_age_of_the_gyros_samples(bend):
     """Clocks whose beat meets the bend are among them, as often as they come. A variance by the
     yaw rate instead of its change, (2.5e-3)^2 of it, was too small by a factor of 2.5 in bends of

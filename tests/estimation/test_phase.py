@@ -112,6 +112,7 @@ def test_both_directions_are_given_once_both_were_observed(share):
     assert set(directions[720:]) == {-1}
 
 
+@pytest.mark.slow_except("0.5")
 @pytest.mark.parametrize("shift", [0.1, 0.2, 0.3, 0.5])
 def test_a_switch_that_opens_late_is_no_lie(shift):
     """Backwards the edges of B sit elsewhere, maybe where they sit forwards: then it is silent."""
@@ -192,6 +193,7 @@ def pushed_back(url):
     return frames, error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.slow)])
 def test_a_car_pushed_back_against_its_throttle(nano):
     """The acceleration may not overrule the command there; the second ring does."""

@@ -93,6 +93,7 @@ def test_it_is_honest_about_the_axle(marker):
     assert 1.0 < np.mean(values) < 5.0
 
 
+@pytest.mark.slow
 def test_a_marker_that_is_elsewhere_than_stated_is_not_honest():
     """Control: the same poses, stated as those of the axle."""
     values = [nees(reported, t) for t,
@@ -100,6 +101,7 @@ def test_a_marker_that_is_elsewhere_than_stated_is_not_honest():
     assert np.mean(values) > 30.0
 
 
+@pytest.mark.slow
 def test_half_a_second_without_poses_is_survived():
     reported = drive(KNOWN_MARKER, 7.0, reported=lambda t, pose: None if 5.0 < t < 5.5 else pose)
     worst = max(hypot(*error(external, t)[:2]) for t, external in reported if t > 4.0)

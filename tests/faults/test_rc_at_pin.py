@@ -78,6 +78,7 @@ class NoisyPins(SimReceiver):
         return sorted(found)
 
 
+@pytest.mark.slow_except("True-mock")
 @pytest.mark.parametrize("nano", ["mock", "avr"])
 @pytest.mark.parametrize("overrides", [True, False])
 def test_the_driver_overrides_the_program(tmp_path, nano, overrides):
@@ -95,6 +96,7 @@ def test_the_driver_overrides_the_program(tmp_path, nano, overrides):
         assert ("OVERRIDDEN(rc)" in applied.limited) == overrides
 
 
+@pytest.mark.slow
 def test_the_override_obeys_the_limits_of_the_car(tmp_path):
     """Full stick with [limits] max_throttle 0.5 and a slew rate of 1 per second."""
     limits = (r"\[rc\]", "[rc]\n[limits]\nmax_throttle = 0.5\nthrottle_slew = 1.0")
@@ -107,6 +109,7 @@ def test_the_override_obeys_the_limits_of_the_car(tmp_path):
         assert np.diff(drive.pulses_us(began)).max() < 0.02 * span + 6.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("commands", [True, False])
 def test_the_program_drives_again_after_neutral(tmp_path, commands):
     """Control: without a new command the pin stays at neutral, also after an earlier request."""
@@ -150,6 +153,7 @@ def no_messages(drive: RcDrive) -> float:
 LOSSES = (no_pulses, no_throttle_wire, too_long, too_short, no_messages)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES)
 def test_a_lost_signal_is_neutral_within_100_ms(tmp_path, loss):
     with RcDrive(tmp_path, "avr") as drive:
@@ -166,6 +170,7 @@ def test_a_lost_signal_is_neutral_within_100_ms(tmp_path, loss):
             drive.car.arm(waive=WAIVED)
 
 
+@pytest.mark.slow_except("0.0156")
 @pytest.mark.parametrize("offset", [k * 2.6e-3 for k in range(8)])
 def test_a_lost_signal_at_any_phase_of_the_pwm_frame(tmp_path, offset):
     with RcDrive(tmp_path, opened=offset) as drive:
@@ -186,6 +191,7 @@ def test_a_silent_line_during_an_override_is_a_stale_link(tmp_path):
         assert drive.car.causes == ("LINK_STALE",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_the_nano", [True, False])
 def test_delays_of_the_line_are_no_loss(tmp_path, on_the_nano):
     """Messages come up to 40 ms late. Control: the age on the clock of the host."""
@@ -211,6 +217,7 @@ def test_delays_of_the_line_are_no_loss(tmp_path, on_the_nano):
         assert (drive.car.mode == "ARMED") == on_the_nano
 
 
+@pytest.mark.slow
 def test_control_without_the_age_limit_a_lost_signal_drives_on(tmp_path):
     with patch.object(rc, "MAX_PULSE_AGE", 10.0), RcDrive(tmp_path) as drive:
         drive.arm().stick(THROTTLE_STICK, STICK_FORWARD_US)
@@ -221,6 +228,7 @@ def test_control_without_the_age_limit_a_lost_signal_drives_on(tmp_path):
         assert drive.last_off(since) == NEVER
 
 
+@pytest.mark.slow
 def test_one_missing_pulse_is_no_loss(tmp_path):
     with RcDrive(tmp_path) as drive:
         drive.arm().stick(THROTTLE_STICK, STICK_FORWARD_US)
@@ -262,6 +270,7 @@ SLOW_THROTTLE = (r"\[rc\]", "[rc]\n[limits]\nthrottle_slew = 1.0")
 STOP_RAMP = (r"arm_neutral = 0\.1", "arm_neutral = 0.1\nstop_ramp = 2.0")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("transition", "edit", "ends"), [
     (ramp_up, SLOW_THROTTLE, "TRIPPED"), (reverse, SLOW_THROTTLE, "TRIPPED"),
     (reverse, STOP_RAMP, "TRIPPED"), (stop, STOP_RAMP, "DISARMED")])
@@ -280,6 +289,7 @@ def test_a_lost_signal_in_a_transition(tmp_path, transition: Callable[[RcDrive],
         assert drive.car.mode == ends
 
 
+@pytest.mark.slow_except("True")
 @pytest.mark.parametrize("lost", [True, False])
 def test_a_lost_signal_during_arming_ends_it_at_neutral(tmp_path, lost):
     """Control: with the signal the car arms, and the driver drives."""
@@ -298,6 +308,7 @@ def test_a_lost_signal_during_arming_ends_it_at_neutral(tmp_path, lost):
             assert np.abs(drive.pulses_us(0.0) - drive.neutral_us).max() < 5.0
 
 
+@pytest.mark.slow
 def test_a_disarmed_car_does_not_drive_by_rc(tmp_path):
     """Nor does it jump when it is armed: the stick must rest first. Control: then it drives."""
     with RcDrive(tmp_path, "avr") as drive:
@@ -314,6 +325,7 @@ def test_a_disarmed_car_does_not_drive_by_rc(tmp_path):
         assert drive.wrong(drive.pulses[-1])
 
 
+@pytest.mark.slow
 def test_the_switch_overrides_with_resting_sticks(tmp_path):
     with RcDrive(tmp_path, edit=WITH_SWITCH) as drive:
         drive.stick(MODE_CHANNEL, 1100.0)
@@ -327,6 +339,7 @@ def test_the_switch_overrides_with_resting_sticks(tmp_path):
         assert drive.pulses_us(ended + 0.1).min() > drive.neutral_us + 100.0
 
 
+@pytest.mark.slow_except("False")
 @pytest.mark.parametrize("drops", [True, False])
 def test_a_request_made_during_the_override_does_not_come_back(tmp_path, drops):
     """The switch ends it, and the program sends nothing more. Control: keep its requests."""
@@ -345,6 +358,7 @@ def test_a_request_made_during_the_override_does_not_come_back(tmp_path, drops):
         assert drive.car.mode == "ARMED"
 
 
+@pytest.mark.slow
 def test_a_request_that_expires_during_the_override_is_no_trip(tmp_path):
     """Control: without the override it is one."""
     for override, mode in ((True, "ARMED"), (False, "TRIPPED")):
@@ -367,6 +381,7 @@ def test_an_override_ends_raw_pulses(tmp_path):
             assert drive.car.causes == ("RC_OVERRIDE",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [150.0, 3000.0])
 def test_noise_on_open_pins_is_no_command(tmp_path, rate):
     """Control: the same pins with a receiver override the program, above."""
@@ -381,6 +396,7 @@ def test_noise_on_open_pins_is_no_command(tmp_path, rate):
         assert not any("SLOT_OVERRUN" in s.health.flags for s in states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("configured", [True, False])
 def test_a_car_without_a_receiver_exchanges_the_same_bytes(tmp_path, configured):
     """The real firmware, with and without pulses on its pins. Control: with [rc] they differ."""

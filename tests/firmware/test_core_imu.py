@@ -317,6 +317,7 @@ def test_a_part_that_refuses_our_offsets_runs_on_its_own(core: c.CDLL) -> None:
 EVENTS = st.sampled_from(["nack", "hang", "sda", "scl", "reset", "brownout", "garbage", "slow"])
 
 
+@pytest.mark.slow
 @example(faults=[("nack", 1, 45), ("brownout", 1, 0)], start=0)
 @given(st.lists(st.tuples(EVENTS, st.integers(1, 40), st.integers(0, 120)), max_size=6),
        st.integers(0, 2**32 - 1))

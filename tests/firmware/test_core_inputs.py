@@ -130,6 +130,7 @@ def test_the_mock_decides_as_the_core(core: c.CDLL, events: list[tuple[str, int,
     assert real.frame(t) == mock.frame(t)
 
 
+@pytest.mark.slow_except("50")
 @pytest.mark.parametrize("rate", [50, 120, 400, 2000])
 def test_noise_is_no_signal(core: c.CDLL, rate: int) -> None:
     """A minute of random edges on one pin. Control: the rates of a receiver above."""

@@ -169,6 +169,7 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
         sut.beats(30_000, gap=20)
 
 
+@pytest.mark.slow
 def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
     sut.link_up()
     for calm in (50_000, 15_000, 5_000):
@@ -223,6 +224,7 @@ def test_tripped_needs_500_ms_after_the_trip(sut: Sut) -> None:
     assert sut.beats(480) == TRIPPED
 
 
+@pytest.mark.slow
 def test_locked_is_left_by_nothing(sut: Sut) -> None:
     test_third_trip_within_60_s_locks(sut)
     for mode in (IS_DISARMED, IS_ARMED, IS_RAW, IS_STOPPED):

@@ -67,7 +67,7 @@ def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring:
 @pytest.mark.parametrize("edge_min_us", [0, 100])
 @pytest.mark.parametrize("rings", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("rate", [100e3, 260e3, 1e6])
-@pytest.mark.slow_except("100000.0-rings0-0")
+@pytest.mark.slow
 def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[int, ...],
                                          edge_min_us: int) -> None:
     rig = live(nano(eeprom=eeprom_image(safety_out=ENABLE, ring_b=1, edge_min_us=edge_min_us)))
@@ -100,6 +100,7 @@ def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[i
     assert not after_["flags"] & FLAG["ENC_REJECT"]
 
 
+@pytest.mark.slow_except("0")
 @pytest.mark.parametrize("ring", [0, 1])
 def test_the_watchdog_fires_in_a_chatter(nano: Make, ring: int) -> None:
     rig = live(nano(eeprom=eeprom_image(safety_out=ENABLE, ring_b=1)))
@@ -112,7 +113,7 @@ def test_the_watchdog_fires_in_a_chatter(nano: Make, ring: int) -> None:
 
 
 @pytest.mark.parametrize("edge_min_us", [0, 100])
-@pytest.mark.slow_except("100")
+@pytest.mark.slow
 def test_our_pulse_keeps_its_width_in_a_chatter(nano: Make, edge_min_us: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX, ring_b=1, edge_min_us=edge_min_us))
     rig.run(0.5)
@@ -127,6 +128,7 @@ def test_our_pulse_keeps_its_width_in_a_chatter(nano: Make, edge_min_us: int) ->
     assert all(w == pytest.approx(1.5e-3, abs=1e-6) for w in widths)
 
 
+@pytest.mark.slow
 def test_what_the_design_allows_is_never_masked(nano: Make) -> None:
     """5000 edges/s on both rings, and close to what the rule accepts, 8000 on one."""
     rig = live(nano(eeprom=eeprom_image(ring_b=1)))

@@ -18,7 +18,7 @@ GAPS_US = (25, 60, 90, 110, 150, 400, 3_000, 12_000, 32_768, 33_000, 65_540, 98_
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("edge_min_us", [0, 100, 2000])
-@pytest.mark.slow_except("2000-2", "0-1")
+@pytest.mark.slow
 def test_both_take_and_refuse_the_same_edges(core: c.CDLL, nano: Make, seed: int,
                                              edge_min_us: int) -> None:
     draw = random.Random(seed)
@@ -50,6 +50,7 @@ def test_both_take_and_refuse_the_same_edges(core: c.CDLL, nano: Make, seed: int
     assert (model[1] > 0) == (edge_min_us > 0)
 
 
+@pytest.mark.slow
 def test_a_storm_of_interrupts_loses_nothing(nano: Make) -> None:
     """5000 edges/s on both rings, IMU with stretching, host traffic both ways."""
     rig = nano(eeprom=eeprom_image(ring_b=1, safety_out=2))

@@ -60,7 +60,7 @@ def test_values_and_age(nano: Make) -> None:
 
 
 @pytest.mark.parametrize("clock", [0.006, -0.006])
-@pytest.mark.slow_except("0.006")
+@pytest.mark.slow
 def test_looks_measure_the_clock_of_the_part(nano: Make, clock: float) -> None:
     """Its clock against the Nano's, which is true here: phase to 0.5 ms, rate to 3 %."""
     rig = nano()
@@ -87,6 +87,7 @@ def test_a_slow_part_is_read_and_not_looked_at(nano: Make) -> None:
     assert {state["calib"] & 3 for state in rig.states(1.0)} == {0}
 
 
+@pytest.mark.slow
 def test_one_in_ten_reads_refused(nano: Make) -> None:
     rig = nano()
     alive(rig, 1.0)
@@ -97,6 +98,7 @@ def test_one_in_ten_reads_refused(nano: Make) -> None:
     check_stream(rig)
 
 
+@pytest.mark.slow_except("9")
 @pytest.mark.parametrize("clocks", [1, 5, 9])
 def test_sda_held_low_is_freed_at_once_by_up_to_nine_clocks(nano: Make, clocks: int) -> None:
     """One sample is lost: a bus clear of fewer clocks needs several slots for nine."""
@@ -148,7 +150,7 @@ def test_the_bus_has_the_clock_of_the_parameter_also_after_a_bus_clear(nano: Mak
     assert rig.nano.peek(TWBR) == bit_rate
 
 
-@pytest.mark.slow_except("sda")
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["scl", "sda", "dead"])
 def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> None:
     rig = nano()
@@ -163,6 +165,7 @@ def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> 
     check_stream(rig)
 
 
+@pytest.mark.slow
 def test_an_absent_imu_is_reported_within_6_s(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_fault("off")
@@ -177,6 +180,7 @@ def test_an_absent_imu_is_reported_within_6_s(nano: Make) -> None:
     assert not rig.state()["flags"] & ABSENT
 
 
+@pytest.mark.slow
 def test_a_reset_of_the_part_is_over_within_1_4_s(nano: Make) -> None:
     rig = nano()
     alive(rig, 1.0)

@@ -93,6 +93,7 @@ def test_an_open_pin_is_held_by_its_pull_up(any_nano: Rig) -> None:
     assert {m["pulled"] for m in select(pulse_train(any_nano, 0.5), "BATTERY")} == {1023}
 
 
+@pytest.mark.slow
 def test_a_noisy_pin_costs_a_bounded_time_and_no_frame(nano, elf) -> None:
     """50,000 edges per second at D10 for half a second. Control: the calm pin is measured."""
     rig = nano(elf)

@@ -121,7 +121,7 @@ def cut(board: MultiplexerBoard, begin: float) -> list[float]:
 
 
 @pytest.mark.parametrize("n", range(PHASES))
-@pytest.mark.slow_except("4", "14")
+@pytest.mark.slow
 def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX_CUTOFF))
     board, armed, stopped = drive(rig, n * PWM_PERIOD_S / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
@@ -136,7 +136,7 @@ def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
 
 
 @pytest.mark.parametrize("n", range(0, PHASES, 4))
-@pytest.mark.slow_except("8")
+@pytest.mark.slow
 def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano: Make,
                                                                           n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX_CUTOFF))
@@ -168,6 +168,7 @@ def smallest_gap(nano: Make, image: Path | None = None) -> float:
     return min(gaps)
 
 
+@pytest.mark.slow
 def test_pulses_of_the_two_sources_are_distinguished(nano: Make) -> None:
     assert smallest_gap(nano) > FILTER
 

@@ -307,6 +307,7 @@ def stop_deaf_car(scene, each):
     return call
 
 
+@pytest.mark.slow_except("key-another*")
 @pytest.mark.parametrize("boot", [7, 4711], ids=["its session", "another session"])
 @ROOMS
 def test_a_forged_answer_does_not_hide_a_car_that_drives_on(key, boot):

@@ -60,6 +60,7 @@ def test_no_bit_of_a_signed_frame_can_be_changed(place, bit):
     assert Decoder(SECRET_KEY).decode(bytes(data)) is None
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=200))
 def test_junk_is_counted_and_never_raised(junk):
     decoder = Decoder(SECRET_KEY)

@@ -11,6 +11,7 @@ from tests.fleet.rooms import FleetPins
 LOCKSTEP_URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
 
 
+@pytest.mark.slow
 def test_a_fleet_brings_its_cars_to_one_time():
     with Fleet.open(LOCKSTEP_URLS, room="local://time") as fleet:
         for _ in fleet.cars[0].states(duration=0.5):

@@ -106,6 +106,7 @@ def slot(body: trimesh.Trimesh, sheet: trimesh.Trimesh) -> float:
     return float(up + down)
 
 
+@pytest.mark.slow
 def test_the_camera_slot_is_the_sheet_and_play():
     bracket = whole_car()["camera_bracket"][0]
     plate = whole_car()["upper_plate"][0]

@@ -20,6 +20,7 @@ comparison = importlib.import_module("compare")
 BUILT = json.loads((HARDWARE / "cad" / "built.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_committed_files_do_not_differ_from_themselves():
     assert comparison.differences(BUILT, copy.deepcopy(BUILT)) == []
     assert comparison.stl_differences(HARDWARE / "stl", HARDWARE / "stl") == []

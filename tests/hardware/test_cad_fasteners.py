@@ -83,6 +83,7 @@ def test_long_screws_of_the_small_holders_meet(car):
     assert "its shank is in the shank of S12 M3 x 10" in meet
 
 
+@pytest.mark.slow
 def test_no_metal_is_over_the_live_jetson(car):
     cutoff = row("upper_plate", "cutoff_holder")
     assert cutoff.material == "nylon"
@@ -134,6 +135,7 @@ def test_parts_that_do_not_lie_on_each_other_are_detected():
         fit.problems(report, [low], {}))
 
 
+@pytest.mark.slow
 def test_cables_keep_clear_of_the_turning_lidar(car):
     assert list(fit.near_rotor(P, car)) == []
     near = [m.copy().apply_translation([0, 0, -2.0]) for m in car["camera"]]
@@ -183,6 +185,7 @@ def lowest(meshes: list[trimesh.Trimesh]) -> float:
     return min(float(m.bounds[0][2]) for m in meshes)
 
 
+@pytest.mark.slow
 def test_the_battery_is_held(car):
     assert list(battery.loose(car)) == []
     free = {"lipo": car["lipo"]}

@@ -109,6 +109,7 @@ def test_what_is_missing_is_named(group, key, message):
     assert message in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_measured_value_within_reason_passes():
     """The control: not every change is refused."""
     assert problems("gear", "hub", 8.3) == []

@@ -126,6 +126,7 @@ def test_the_assembly_is_complete():
     assert {f"S{n:02}" for n in range(1, 16)} <= set(ids)
 
 
+@pytest.mark.slow
 def test_every_part_is_in_the_bill_and_the_reverse():
     named = {p: [s.id for s in guide.steps() if p in s.parts]
              for s in guide.steps() for p in s.parts}

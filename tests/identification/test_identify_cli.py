@@ -42,6 +42,7 @@ def run(capsys, tmp_path, monkeypatch):
     return call
 
 
+@pytest.mark.slow
 def test_as_paper_prints_the_contract(run, tmp_path):
     status, document, _ = run("all", "--as-paper", EXCERPT, "--json")
     assert status == 0
@@ -80,6 +81,7 @@ def test_as_paper_with_out_writes_what_is_sound(run, tmp_path):
     assert typed == f"dart-hal identify all --as-paper {where} --out m/model.toml"
 
 
+@pytest.mark.slow
 def test_an_unsound_fit_does_not_touch_a_good_file(run, tmp_path):
     path = tmp_path / "model.toml"
     run("friction", "--as-paper", EXCERPT, "--out", path)
@@ -92,6 +94,7 @@ def test_an_unsound_fit_does_not_touch_a_good_file(run, tmp_path):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_one_sub_model_after_the_other_into_one_file(run, tmp_path):
     path = tmp_path / "model.toml"
     run("friction", "--as-paper", EXCERPT, "--out", path)
@@ -118,6 +121,7 @@ def test_every_file_of_the_paper_is_in_the_list(run):
     assert sum(listed) == 43
 
 
+@pytest.mark.slow_except("80-False")
 @pytest.mark.parametrize(("columns", "shown"), [("80", False), ("89", False), ("90", True)])
 def test_a_narrow_terminal_costs_a_column_and_no_digits(run, monkeypatch, columns, shown):
     monkeypatch.setenv("COLUMNS", columns)
@@ -260,6 +264,7 @@ def test_a_joint_fit_is_not_its_own_prior(run, tmp_path):
     assert std[1] > 0.8 * std[0], "counted twice it would be 0.71"
 
 
+@pytest.mark.slow
 def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
     status, document, _ = run("all", "--joint", EXCERPT / "19_step_input_data", "--json")
     assert status == 2

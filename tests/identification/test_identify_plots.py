@@ -39,6 +39,7 @@ def test_a_command_counts_as_held_after_its_time():
         t < 1.05, t > CONSTANT_TIME + 1e-9, t > 1.1 + CONSTANT_TIME + 1e-9)]
 
 
+@pytest.mark.slow
 def test_the_paper_s_pictures_show_the_very_rows_of_the_fits(made):
     evidence = collect_paper_data(made)
     for name, data in (("friction", evidence.friction.force), ("motor", evidence.motor.force),
@@ -64,6 +65,7 @@ def test_recordings_give_forces_of_the_right_sign_and_size(made):
     assert np.abs(tyres.front_slip).max() < np.radians(40.0)  # rad, not deg
 
 
+@pytest.mark.slow
 def test_rows_without_a_yaw_rate_cost_only_themselves(made):
     """As in our own runs, whose first messages have none."""
     recordings, _ = read_any([EXCERPT / "19_step_input_data"])
@@ -80,6 +82,7 @@ def test_rows_without_a_yaw_rate_cost_only_themselves(made):
     assert why_missing(evidence, made.fits)["friction"] == "no usable stretch in these recordings"
 
 
+@pytest.mark.slow
 def test_what_a_joint_fit_held_comes_from_the_base(made):
     tyres = made.fits["tyres"]
     half = replace(tyres, parameters={n: tyres.parameters[n] for n in (
@@ -91,6 +94,7 @@ def test_what_a_joint_fit_held_comes_from_the_base(made):
     assert full["friction"] is made.fits["friction"]
 
 
+@pytest.mark.slow
 def test_a_curve_of_many_sessions_is_reported(made):
     fit = made.fits["friction"]
     assert style.label(fit) == "fit"

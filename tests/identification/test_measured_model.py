@@ -158,6 +158,7 @@ def test_any_other_name_is_that_of_a_model():
         named_model("measurd", [])
 
 
+@pytest.mark.slow
 def test_the_model_of_a_calibrated_car_is_the_default(recorded, tmp_path):
     (csv := tmp_path / "a.csv").write_text("t\n")
     (broken := tmp_path / "b.mcap").write_bytes(b"no run")

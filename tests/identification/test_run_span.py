@@ -25,6 +25,7 @@ def jumping(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE])
 def test_a_mean_represents_its_span(jumping, every):
     run = read_run(jumping, every)

@@ -68,6 +68,7 @@ def test_replay_of_a_run_without_car_files_gives_a_notice(runs):
         assert not any("holds no files" in notice for notice in car.notices)
 
 
+@pytest.mark.slow
 def test_named_car_is_the_one_whose_files_are_used(runs, tmp_path):
     folder = tmp_path / "other"
     folder.mkdir()

@@ -87,6 +87,7 @@ def test_joint_fit_of_a_duty_base_finds_the_loop_and_the_rest(found):
         assert e.std < 0.15 * e.value
 
 
+@pytest.mark.slow
 def test_fitted_file_has_the_form_of_the_recordings(found):
     base = model_of(PAPER)
     written = build_model(found.fits, found.over(base), found.source, joint=found.joint)

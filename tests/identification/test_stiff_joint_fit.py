@@ -53,6 +53,7 @@ def scores(seconds):
     return out
 
 
+@pytest.mark.slow
 def test_slow_driving_does_not_identify_stiff_tyres_and_the_errors_report_it():
     found = scores(25.0)
     assert max(abs(z) for z, _ in found.values()) < 3.0

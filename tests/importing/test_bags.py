@@ -143,17 +143,20 @@ def compare(tables, log):
     assert data.streams["battery"].values[:, 0] == pytest.approx(log["voltage"][::2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", list(rosbag2.StoragePlugin))
 def test_a_ros2_bag_is_imported_by_topic(log, tmp_path, plugin):
     compare(read_tables([write_ros2(tmp_path / "bag", log, plugin)]), log)
 
 
+@pytest.mark.slow
 def test_one_mcap_file_of_a_bag_is_enough(log, tmp_path):
     folder = write_ros2(tmp_path / "bag", log, rosbag2.StoragePlugin.MCAP)
     path = shutil.copy(next(folder.glob("*.mcap")), tmp_path / "one.mcap")
     compare(read_tables([path]), log)
 
 
+@pytest.mark.slow
 def test_a_ros1_bag_is_imported_by_topic(log, tmp_path):
     compare(read_tables([write_ros1(tmp_path / "run.bag", log)]), log)
 
@@ -161,6 +164,7 @@ def test_a_ros1_bag_is_imported_by_topic(log, tmp_path):
 BATTERY_TOPICS = ("/sensors/core", "/battery")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kept", "column"), [
     (BATTERY_TOPICS, "state.voltage_input"), (BATTERY_TOPICS[1:], "voltage"), ((), None)])
 def test_a_guess_finds_the_voltage_of_the_battery(log, tmp_path, kept, column):
@@ -178,6 +182,7 @@ def test_a_guess_finds_the_voltage_of_the_battery(log, tmp_path, kept, column):
     assert battery.interpolate(np.array([2.0, 6.0])) == pytest.approx([8.1, 7.9], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_shipped_map_imports_a_bag_without_a_voltage(log, tmp_path):
     tables = [table for table in read_tables([write_ros2(tmp_path / "bag", log)])
               if table.name != "/sensors/core"]
@@ -186,6 +191,7 @@ def test_a_shipped_map_imports_a_bag_without_a_voltage(log, tmp_path):
     assert any("'/sensors/core'" in change for change in data.facts["changes"])
 
 
+@pytest.mark.slow
 def test_a_missing_topic_lists_what_there_is(log, tmp_path):
     tables = read_tables([write_ros2(tmp_path / "bag", log)])
     mapping, _ = load_map("mushr")
@@ -195,6 +201,7 @@ def test_a_missing_topic_lists_what_there_is(log, tmp_path):
     assert "table =" in error.value.remedy
 
 
+@pytest.mark.slow
 def test_a_damaged_bag_is_refused(log, tmp_path):
     path = write_ros1(tmp_path / "run.bag", log)
     path.write_bytes(path.read_bytes()[:2000])

@@ -31,6 +31,7 @@ def shift(values, rows):
     return np.concatenate([np.full(rows, values[0]), values[:-rows]])
 
 
+@pytest.mark.slow_except("1")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_right_log_has_no_contradiction(seed):
     findings = find(make_log(40.0, seed))
@@ -104,6 +105,7 @@ def test_a_guess_takes_the_units_from_the_names(log):
     assert [q.partition(":")[0] for q in guess.questions] == ["throttle"]
 
 
+@pytest.mark.slow
 def test_the_proposed_map_undoes_what_was_done_to_the_log(log):
     columns = {"time [ms]": 1e3 * log["t"], "pos_x": log["x"], "pos_y": -log["y"],
                "heading_deg": np.rad2deg(log["yaw"]), "steer_cmd": -log["steering"],

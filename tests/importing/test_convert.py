@@ -28,6 +28,7 @@ def convert(columns, text=MAP):
     return convert_tables([Table("log.csv", columns)], parse_map(text, "map"), text)
 
 
+@pytest.mark.slow_except(" *")
 @pytest.mark.parametrize(("delimiter", "header", "comment", "bom"), [
     (",", True, "", ""), (";", True, "", "\ufeff"), ("\t", True, "# made by a lab", ""),
     (" ", False, "# " + " ".join(make_log(0.5)), ""), ("|", True, "", "")])
@@ -191,6 +192,7 @@ def test_every_shipped_map_can_be_read():
     assert "f1tenth" in error.value.expected
 
 
+@pytest.mark.slow
 def test_a_recording_has_what_was_imported(log, tmp_path):
     data = convert(log)
     path = tmp_path / "run.mcap"
@@ -229,6 +231,7 @@ def test_without_poses_the_messages_are_means(log, tmp_path):
 BATTERY_MAP = MAP + '[battery]\nvoltage = "volts"\n'
 
 
+@pytest.mark.slow_except("<lambda>-mV")
 @pytest.mark.parametrize(("rows", "unit"), [
     (lambda n: np.ones(n, dtype=bool), "V"), (lambda n: np.arange(n) % 100 == 7, "mV")])
 def test_a_voltage_is_carried_also_if_few_rows_have_it(log, tmp_path, rows, unit):

@@ -37,6 +37,7 @@ def record(log, path, streams):
     return read_run(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("streams", [
     ("poses",), ("poses", "encoder"), ("poses", "gyro"), ("poses", "accelerometer"),
     ("poses", "encoder", "gyro"), ("encoder", "gyro"), STREAMS],
@@ -59,6 +60,7 @@ def test_a_diagnosis_takes_what_there_is_and_names_what_is_missing(log, tmp_path
                                      ("encoder", "gyro", "accelerometer", "accelerometer")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("streams", "what"), [
     (("encoder",), "the turns of the car are unknown"),
     (("encoder", "accelerometer"), "the turns of the car are unknown"),
@@ -69,6 +71,7 @@ def test_sensors_that_do_not_determine_the_motion_are_refused(log, tmp_path, str
         check_inputs([r], [], PAPER)
 
 
+@pytest.mark.slow
 def test_recordings_of_two_cars_are_not_pooled(log, tmp_path):
     r = record(log, tmp_path / "run.mcap", ("poses",))
     text = (Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml").read_text()
@@ -80,6 +83,7 @@ def test_recordings_of_two_cars_are_not_pooled(log, tmp_path):
     check_inputs([two[0], replace(two[0], sha256="other")], [], PAPER)
 
 
+@pytest.mark.slow
 def test_logs_with_different_angles_of_the_full_command_are_not_pooled(log, tmp_path):
     r = record(log, tmp_path / "run.mcap", ("poses",))
     two = [replace(r, steering_scale=scale, sha256=str(scale)) for scale in (0.38, 0.41)]

@@ -75,6 +75,7 @@ def test_a_guess_takes_the_odometry_and_not_the_twist_of_the_filter(topics):
     assert made.poses.table == "/pf/pose/odom"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["f1tenth", pytest.param("mushr", marks=pytest.mark.slow)])
 def test_a_shipped_map_leads_to_a_model_that_predicts_another_drive(topics, name, tmp_path):
     for drive in LIMIT:

@@ -206,6 +206,7 @@ def test_file_and_its_folder_give_it_once(write, table_a, tmp_path):
     assert len(read_all([good, tmp_path])[0]) == 1
 
 
+@pytest.mark.slow
 def test_mangled_files_never_give_a_traceback(write, table_a):
     """Random damage: either a recording with finite numbers or a RecordingError."""
     rng = np.random.default_rng(11)

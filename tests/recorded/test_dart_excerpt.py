@@ -77,6 +77,7 @@ def test_20_hz_recording_gets_a_spline(excerpt):
     assert np.abs(at - raw)[2:-2].max() < 0.02
 
 
+@pytest.mark.slow
 def test_reference_points_by_date(excerpt):
     assert reference_for(read_part(excerpt, "racetrack")).lx == 0.0862
     assert reference_for(read_part(excerpt, "12_06_55")).lx == 0.1150

@@ -161,6 +161,7 @@ def test_encoder_quantum_is_found(quantum, decimals):
     assert encoder_quantum(speed) == pytest.approx(quantum, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_encoder_quantum_is_not_invented():
     assert encoder_quantum(np.random.default_rng(4).uniform(0.0, 2.0, 300)) is None
     assert encoder_quantum(np.array([0.0, 0.0, 0.05])) is None

@@ -208,6 +208,7 @@ def test_nothing_good_is_exit_1_with_the_reason(cli, write, table_a):
     assert "too short" in errors
 
 
+@pytest.mark.slow_except("odd.csv")
 @pytest.mark.parametrize("name", ["odd.csv", "empty", "absent.csv"])
 def test_unusable_by_itself_is_exit_2(cli, write, table_a, tmp_path, name):
     (tmp_path / "odd.csv").write_text("<html>not found</html>\n")

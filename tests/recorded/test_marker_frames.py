@@ -195,6 +195,7 @@ def test_circles_to_one_side_take_the_known_frame_of_their_day(excerpt, write, t
     assert "same car" in note
 
 
+@pytest.mark.slow
 def test_circles_of_another_day_or_car_take_no_known_frame(excerpt, write, table_b):
     published, circles = read_with_one_sided_circles(excerpt, write, table_b, 86_400.0)
     assert circles.marker is None

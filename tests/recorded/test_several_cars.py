@@ -80,6 +80,7 @@ def test_cars_that_steer_differently_are_refused_by_groups(drive):
     assert ratio == pytest.approx(0.55, abs=3.0 * found.error)
 
 
+@pytest.mark.slow
 def test_one_car_with_another_trim_floor_and_battery_is_not_two(drive):
     refuse_several_cars([drive(1), drive(2, **OTHER_DAY), drive(3), drive(4, **OTHER_DAY)])
 
@@ -92,6 +93,7 @@ def test_another_scale_of_encoder_or_throttle_is_found(drive, change, kind):
     assert found.kind == kind
 
 
+@pytest.mark.slow
 def test_two_cars_are_found_by_their_own_sensors(drive):
     recordings = (drive(1), drive(3, steering_gain=-0.5), drive(2, **OTHER_DAY))
     ours, theirs, other_day = (replace(r, mocap=None) for r in recordings)
@@ -100,6 +102,7 @@ def test_two_cars_are_found_by_their_own_sensors(drive):
     assert find_car_difference([ours, scale_sensors(other_day, speed=1.25)]) is None
 
 
+@pytest.mark.slow
 def test_recordings_that_state_one_car_are_only_cautioned(drive):
     named = [name_car(drive(1)), name_car(drive(3, steering_gain=-0.45))]
     refuse_several_cars(named)
@@ -109,6 +112,7 @@ def test_recordings_that_state_one_car_are_only_cautioned(drive):
     assert caution_several_cars([drive(1), drive(3, steering_gain=-0.45)]) == (), "not stated"
 
 
+@pytest.mark.slow
 def test_standing_or_short_recordings_cannot_be_compared(drive):
     still = replace(drive(1), messages=replace(
         drive(1).messages, speed=freeze(np.zeros(len(drive(1).messages)))), mocap=None)

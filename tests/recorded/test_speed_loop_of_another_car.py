@@ -20,6 +20,7 @@ def base(other_cars):
     return find_model(other_cars / "f1tenth_upenn2022" / "base.toml")[0]
 
 
+@pytest.mark.slow
 def test_scale_and_limit_follow_from_steady_driving(columns):
     slow, fast = columns
     assert study.find_scale(fast) == pytest.approx(5.0, abs=0.3)

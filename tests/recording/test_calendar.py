@@ -90,6 +90,7 @@ def test_a_run_that_lost_its_first_chunk_or_its_facts_keeps_it(tmp_path, state):
     assert run.meta == {}, "else this shows nothing of the facts"
 
 
+@pytest.mark.slow
 def test_a_car_in_real_time_is_replayed_to_the_bit(tmp_path, began):
     path = tmp_path / "run.mcap"
     states = []

@@ -27,6 +27,7 @@ def room_for(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.slow
 def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path, caplog):
     path = tmp_path / "run.mcap"
     with Car.open(MOCK_1_URL, record=path) as car:

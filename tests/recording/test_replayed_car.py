@@ -46,11 +46,13 @@ def test_replayed_states_are_identical(recorded_run):
     assert states[-1].speed > 0.2
 
 
+@pytest.mark.slow
 def test_replay_without_the_recorded_pulses_would_differ(recorded_run):
     _, states = recorded_run
     assert len({s.applied for s in states}) > 10
 
 
+@pytest.mark.slow
 def test_the_run_holds_who_and_what(recorded_run):
     run = RunReader(recorded_run[0])
     assert run.complete

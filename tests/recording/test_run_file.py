@@ -104,6 +104,7 @@ def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     assert max(b - a for a, b in pairwise(ends)) <= 60_000_000
 
 
+@pytest.mark.slow
 def test_a_cut_off_run_opens_and_reports_it(tmp_path, writing):
     path = tmp_path / "cut.mcap"
     writing(path, frames=2)
@@ -132,6 +133,7 @@ def test_a_killed_run_keeps_all_but_the_last_50_ms(tmp_path):
     assert max(missing) > 0.02, "flushed each time: a system call per message"
 
 
+@pytest.mark.slow
 def test_a_program_that_is_killed_keeps_what_it_recorded(tmp_path):
     path = tmp_path / "killed.mcap"
     code = ("import os, sys; from dart_hal.recording.run import RunWriter\n"

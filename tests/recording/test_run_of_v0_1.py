@@ -44,6 +44,7 @@ def test_it_reads_whole(run_of_v0_1):
     assert (stamps[0], stamps[-1]) == (0.002134435584911528, 3.7400235231540266), "to the last bit"
 
 
+@pytest.mark.slow
 def test_it_replays(run_of_v0_1):
     with Car.open(f"replay://{run_of_v0_1}") as car:
         states = list(car.states())

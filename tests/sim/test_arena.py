@@ -68,6 +68,7 @@ def hits(fleet, first, second, seconds=1.0):
 FIRST, SECOND = (4.0, 1.0, 0.0), (5.5, 1.0, 0.6)
 
 
+@pytest.mark.slow
 def test_the_lidar_sees_the_body_of_the_other():
     with pair("seen", "4,1,0", "5.5,1,0.6", first_sees=QUIET) as fleet:
         hit_beams = hits(fleet, FIRST, SECOND)

@@ -26,7 +26,7 @@ def reset(raw_car, nano, boot, cause, more=""):
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.parametrize(("boot", "cause", "least", "most"), WAITS)
-@pytest.mark.slow_except("old-reset-*-mock", "optiboot-reset-*-avr")
+@pytest.mark.slow_except("old*")
 def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause, least, most):
     car = reset(raw_car, nano, boot, cause)
     before = car.stamps[-1]
@@ -36,6 +36,7 @@ def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause,
     assert car.frames_named("HELLO")[-1].as_dict()["boot_count"] == 2
 
 
+@pytest.mark.slow_except("mock")
 @pytest.mark.parametrize("nano", NANOS)
 def test_every_pin_is_released_meanwhile(raw_car, nano):
     car = reset(raw_car, nano, "optiboot", "reset", "&cutoff=mux")
@@ -46,7 +47,7 @@ def test_every_pin_is_released_meanwhile(raw_car, nano):
     assert car.world.nano.pins()["D5"] == 0
 
 
-@pytest.mark.slow_except("optiboot-2-2")
+@pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize(("boot", "bootloader", "cause"), [("old", 1, 0x04), ("optiboot", 2, 0x02)])
 def test_the_firmware_distinguishes_the_bootloaders(raw_car, boot, bootloader, cause):

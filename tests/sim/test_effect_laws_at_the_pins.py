@@ -238,7 +238,7 @@ def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
 
 @pytest.mark.parametrize(("missing", "counted"), [(0.05, 0.95), (0.2, 0.8), (-0.1, 1.1)])
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.slow_except("mock-0.2-0.8")
+@pytest.mark.slow
 def test_marks_go_one_by_one_and_come_twice(pair, missing, counted, nano):
     plain, changed = pair(f"encoder_ring:{missing}", ROLL, f"&nano={nano}")
     assert changed.counted_distance(0, 9) == pytest.approx(counted * plain.counted_distance(0, 9),
@@ -301,6 +301,7 @@ def test_gyro_bias_shows_at_rest(pair, nano):
     assert np.mean(changed.gyro[still]) == pytest.approx(0.05, abs=6e-4)
 
 
+@pytest.mark.slow
 def test_gyro_scale_and_latency(pair):
     plain, changed = pair("gyro_scale:0.06,gyro_latency:0.08", TURN)
     assert changed.gyro[-1] == pytest.approx(1.06 * plain.gyro[-1], rel=0.01)

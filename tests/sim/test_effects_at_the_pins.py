@@ -41,7 +41,7 @@ def differences(one, other):
 
 
 @pytest.mark.parametrize("name", INJECTED)
-@pytest.mark.slow_except("encoder_scale")
+@pytest.mark.slow
 def test_a_host_reads_other_numbers(driven, plain, name):
     found = differences(driven(f"{PLAIN}&effect={large(name)}", PLAN), plain)
     assert any(found[c] > NOISE[c] for c in NOISE), found
@@ -54,6 +54,7 @@ def test_at_null_the_car_is_untouched(name):
     assert drawn.true is drawn.base
 
 
+@pytest.mark.slow
 def test_without_an_effect_the_bytes_are_those_of_before(driven, plain):
     """Also with effects at null; the control: the smallest gyro bias."""
     null = driven(f"{PLAIN}&effect=gyro_bias:0,steering_lag:0,encoder_ring:0,mass:0", PLAN)
@@ -82,7 +83,7 @@ def test_tyres_are_nothing_to_a_car_without_slip(name):
         open_backend(f"{PLAIN}&physics=kinematic&effect={large(name)}")
 
 
-@pytest.mark.slow_except("mass")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [
     "mass", "quadratic_drag", "rolling_resistance", "steering_trim", "steering_lag",
     "motor_gain", "encoder_ring", "gyro_bias", "throttle_delay"])

@@ -63,7 +63,7 @@ def test_a_trimmed_linkage_turns_a_car_that_is_reported_to_go_straight(measure_c
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.slow_except("mock")
+@pytest.mark.slow
 def test_a_board_with_another_clock_drives_faster_and_to_the_left(measure_car, nano):
     plain, changed = measure_car(nano), measure_car(nano, "pwm_clock:0.01")
     assert changed[2] > 1.4 * plain[2]

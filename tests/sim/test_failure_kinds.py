@@ -105,7 +105,7 @@ def test_symptom_and_healing(raw_car, nano, failure):
     assert not symptom(record, record.after)
 
 
-@pytest.mark.slow_except("mock")
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_no_symptom_without_a_failure(raw_car, nano):
     """The control of all of them."""
@@ -129,6 +129,7 @@ def test_chatter_is_electrical(raw_car, name, ring):
     assert car.world.nano.edges(ring) == pytest.approx(50_000, abs=600)
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_after_a_silent_config_the_firmware_sets_the_imu_up_again(raw_car):
     car = raw_car("sim://?nano=avr&fail=imu:config@1").run(0.99)
@@ -140,7 +141,7 @@ def test_after_a_silent_config_the_firmware_sets_the_imu_up_again(raw_car):
     assert 0 in modes
 
 
-@pytest.mark.slow_except("5")
+@pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("nth", [1, 5, 9])
 def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
@@ -159,6 +160,7 @@ def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
     assert car.frames_named("PARAM_VALUE")[-1].as_dict()["value"] == 2  # others are whole
 
 
+@pytest.mark.slow_except("mock")
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_the_rc_signal_ends_and_returns(raw_car, nano):
     car = raw_car(f"sim://?nano={nano}&rc=1&fail=rc:off@0.5+0.4")
@@ -200,7 +202,7 @@ def test_what_needs_the_firmware_is_refused_by_the_mock(raw_car, text):
         car.run(0.3)
 
 
-@pytest.mark.slow_except("line:garbage=0.05", "line:delayed=0.3")
+@pytest.mark.slow_except("line:garbage=0.05")
 @pytest.mark.parametrize("kind", ["line:wrong=0.5", "line:garbage=0.05", "line:delayed=0.3",
                                   "line:intermittent=0.9"])
 def test_two_that_overlap_leave_the_line_as_it_was(raw_car, kind):

@@ -40,6 +40,7 @@ def moving(raw_car, fail):
     return raw_car(f"sim://?nano=mock&fail={fail}").arm().drive(0.3, 0.3, 3.0)
 
 
+@pytest.mark.slow
 def test_imu_off_and_back(raw_car):
     states = moving(raw_car, "imu:off@3.0s+0.5s").states()
     valid = [("IMU_VALID" in flags(s)) for s in states]
@@ -49,6 +50,7 @@ def test_imu_off_and_back(raw_car):
     assert max(dark) == pytest.approx(3.51, abs=0.02)
 
 
+@pytest.mark.slow
 def test_stuck_imu_is_called_stuck(raw_car):
     states = moving(raw_car, "imu:stuck@3").states()
     assert "IMU_STUCK" in flags(states[-1])
@@ -64,6 +66,7 @@ def test_dead_encoder_keeps_its_count(raw_car):
     assert by_time[-1][1] > max(dark)
 
 
+@pytest.mark.slow
 def test_a_silent_line(raw_car):
     car = raw_car("sim://?nano=mock&fail=line:off@1+0.1").run(2.0)
     gaps = [b - a for a, b in pairwise(car.stamps)]
@@ -71,6 +74,7 @@ def test_a_silent_line(raw_car):
     assert 8 <= car.decoder.counters.gaps <= 12
 
 
+@pytest.mark.slow
 def test_reset_of_the_nano(raw_car):
     car = moving(raw_car, "mcu:watchdog@4")
     boots = [f.as_dict()["boot_count"] for f in car.frames_named("HELLO")]
@@ -87,6 +91,7 @@ def test_board_that_does_not_answer(raw_car):
     car.pulses(1500, 1500)
 
 
+@pytest.mark.slow
 def test_brown_out_of_the_board_ends_the_pulses(raw_car):
     car = moving(raw_car, "pca:brownout@4")
     assert car.world.esc.throttle == 0.0

@@ -61,12 +61,12 @@ GOOD = [("mock", "mux"), ("mock", "oe"), ("mock", "mux-no-ground"),
 
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
-@pytest.mark.slow_except("mock-mux")
+@pytest.mark.slow
 def test_unplugging_the_nano_stops_the_car(raw_car, nano, cutoff):
     assert not live_after(raw_car, f"nano={nano}&cutoff={cutoff}", "power:nano", 1.0)
 
 
-@pytest.mark.slow_except("mux-floating")
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", ["mux-floating", "oe-weak", "none"])
 def test_controls_of_unplugging(raw_car, cutoff):
     """Without pull-down and ground, with a pull-up that is too weak, without a cut-off."""
@@ -75,19 +75,20 @@ def test_controls_of_unplugging(raw_car, cutoff):
 
 @pytest.mark.parametrize(("nano", "cutoff"), GOOD)
 @pytest.mark.parametrize("boot", ["old", "optiboot"])
-@pytest.mark.slow_except("old-mock-oe")
+@pytest.mark.slow
 def test_a_bootloader_passes_nothing(raw_car, nano, cutoff, boot):
     options = f"nano={nano}&cutoff={cutoff}&boot={boot}"
     assert not live_after(raw_car, options, "mcu:reset", 0.9)
 
 
-@pytest.mark.slow_except("mux-floating")
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", ["mux-floating", "mux-grounded", "oe-weak"])
 def test_controls_of_a_bootloader(raw_car, cutoff):
     """A powered Nano clamps nothing: here the ground wire alone does not help."""
     assert live_after(raw_car, f"nano=mock&cutoff={cutoff}&boot=optiboot", "mcu:reset", 0.9)
 
 
+@pytest.mark.slow
 def test_a_ground_wire_holds_the_pins_of_a_dead_nano(raw_car):
     assert not live_after(raw_car, "nano=mock&cutoff=mux-grounded", "power:nano", 1.0)
 
@@ -170,7 +171,7 @@ def test_the_switch_of_the_select_inside_a_board_pulse_joins():
 # --- the capture wire behind the cut-off
 
 
-@pytest.mark.slow_except("mux-False")
+@pytest.mark.slow
 @pytest.mark.parametrize(("cutoff", "linked"), [("none", True), ("oe", True), ("mux", False)])
 def test_the_spare_channel_reaches_d8_as_the_esc_gets_its_pulse(raw_car, cutoff, linked,
                                                                 monkeypatch):

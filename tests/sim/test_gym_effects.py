@@ -35,6 +35,7 @@ def test_what_is_observed_has_the_errors_of_the_sensors():
     assert biased[10:, speed] == pytest.approx(1.04 * base[10:, speed], abs=1e-3)
 
 
+@pytest.mark.slow_except("False")
 @pytest.mark.parametrize("randomise", [False, True])
 def test_vector_and_single_see_the_same(model, randomise):
     single = episode(DartCarEnv(vehicle=model), randomise=randomise)

@@ -25,7 +25,7 @@ def make(**options):
     return gymnasium.make(ENV_ID, **options).unwrapped
 
 
-@pytest.mark.slow_except("path", "randomised")
+@pytest.mark.slow_except("path")
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_gymnasium_has_no_warning(options):
     with warnings.catch_warnings():
@@ -110,6 +110,7 @@ def test_a_change_of_the_commands_costs(task):
     assert rewards[0] - rewards[1] == pytest.approx(0.05, abs=0.005)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes():
     runs = [episode(make(), follow, seed)[3].tobytes() for seed in (3, 3, 4)]
     assert runs[0] == runs[1]
@@ -182,6 +183,7 @@ def test_the_picture_shows_the_car_where_it_is():
     assert make().render() is None
 
 
+@pytest.mark.slow
 def test_with_gymnasiums_own_wrappers_nothing_is_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -75,6 +75,7 @@ def test_a_car_ahead_is_detected_and_one_behind_a_board_is_not():
     assert eyes.ranges(me, hidden)[:, 0] == pytest.approx(alone)
 
 
+@pytest.mark.slow
 def test_the_numbers_before_are_the_same_and_the_noise_is_what_is_requested():
     plain, seeing = DartCarEnv(), DartCarEnv(beams=8, opponents=1)
     one, two = plain.reset(seed=4)[0], seeing.reset(seed=4)[0]

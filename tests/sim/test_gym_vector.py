@@ -51,6 +51,7 @@ def test_together_as_alone(options):
     assert ends > 2, "no reset would prove little"
 
 
+@pytest.mark.slow
 def test_a_second_reset_without_a_seed_goes_on_equally():
     ours, theirs = make(3), make(3, "sync")
     for seed in (1, None, None, 7):

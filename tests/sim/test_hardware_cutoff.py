@@ -55,13 +55,14 @@ class Beating:
 
 
 @pytest.mark.parametrize("cutoff", ["none", "oe", "mux"])
-@pytest.mark.slow_except("mux")
+@pytest.mark.slow
 def test_the_car_drives_with_every_cutoff(raw_car, cutoff):
     beating = Beating(raw_car(f"sim://?nano=mock&cutoff={cutoff}")).drive()
     assert beating.car.truth.v_x > 1.0
     assert round((beating.esc_pulses[-1][1] - beating.esc_pulses[-1][0]) * 1e6, -1) == 1680
 
 
+@pytest.mark.slow
 def test_without_a_cutoff_a_dead_host_keeps_its_throttle(raw_car):
     """The control: this is why the wires exist."""
     beating = Beating(raw_car("sim://?nano=mock&cutoff=none")).drive().die().run(1.0)
@@ -69,6 +70,7 @@ def test_without_a_cutoff_a_dead_host_keeps_its_throttle(raw_car):
     assert beating.car.truth.v_x > 2.0
 
 
+@pytest.mark.slow
 def test_multiplexer_leaves_a_valid_neutral_within_140_ms(raw_car):
     beating = Beating(raw_car("sim://?nano=mock&cutoff=mux")).drive().die().run(3.0)
     assert beating.widths(0.14) == {1500}
@@ -76,6 +78,7 @@ def test_multiplexer_leaves_a_valid_neutral_within_140_ms(raw_car):
     assert beating.car.truth.v_x < 0.3
 
 
+@pytest.mark.slow
 def test_output_enable_leaves_silence_within_140_ms(raw_car):
     beating = Beating(raw_car("sim://?nano=mock&cutoff=oe")).drive().die().run(2.0)
     assert beating.widths(0.14) == set()

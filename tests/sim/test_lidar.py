@@ -64,6 +64,7 @@ def test_points_lie_on_the_walls(params):
         assert off_walls(scan.points(in_room(resting_pose))).max() < 0.006
 
 
+@pytest.mark.slow_except("changes2-rplidar-exp*")
 @pytest.mark.parametrize(("kind", "beams"), [("ld19", 450), ("rplidar", 358),
                                              ("rplidar-express", 716)])
 @pytest.mark.parametrize("changes", [{}, {"clockwise": 0.0, "yaw": 0.7}, {"lost": 0.05}])
@@ -88,6 +89,7 @@ def test_other_models_see_a_straight_wall_from_a_car_that_turns(kind, seed):
     assert crooked > 2.0 * straight
 
 
+@pytest.mark.slow
 def test_other_models_state_their_noise_and_range():
     for kind in ("ld19", "rplidar", "rplidar-express"):
         nominal = NOMINAL[kind]
@@ -127,6 +129,7 @@ def test_next_to_a_car_that_turns_a_wall_is_straight_by_the_pose_of_each_beam(se
     assert crooked > 3.0 * straight, "one pose for all does as well: nothing is shown"
 
 
+@pytest.mark.slow
 def test_noise_dropouts_and_limits_are_what_is_stated():
     params = replace(EXACT, noise=0.015, dropout=0.03)
     found = scans(params=params, seconds=6.0)
@@ -177,7 +180,7 @@ def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.slow_except("2")
+@pytest.mark.slow
 def test_the_host_knows_when_each_beam_was_taken(seed):
     """To 0.3 ms, 1 mrad of a car that turns at 3 rad/s, though arrivals swing by 4 ms."""
     params = replace(hidden_lidar(seed), jitter=4e-3)

@@ -39,7 +39,7 @@ def commands(n, k, seed=0):
 @pytest.mark.parametrize("engine", ["auto", "numpy"])
 @pytest.mark.parametrize("config", [ROUGH, OLD], ids=["firmware", "recorded"])
 @pytest.mark.parametrize("p", VEHICLES.values(), ids=VEHICLES)
-@pytest.mark.slow_except("late-firmware-numpy", "paper-recorded-auto", "kinematic-firmware-auto")
+@pytest.mark.slow_except("kinematic*")
 def test_a_batch_is_its_cars(p, config, engine):
     n = 4
     batch = LightBatch(p, n, replace(config, engine=engine), seed=8)

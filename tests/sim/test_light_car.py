@@ -62,6 +62,7 @@ def late(steering_s, throttle_s, step):
     return np.array(car.state[:6])
 
 
+@pytest.mark.slow
 def test_a_delay_inside_a_step_is_exact():
     truth = late(0.0253, 0.0137, 0.0001)
     ours = np.abs(late(0.0253, 0.0137, 0.01) - truth).max()
@@ -229,7 +230,7 @@ def test_refusals():
         Actuators(dead_band=math.nan)
 
 
-@pytest.mark.slow_except("import dart_lab.sim.light")
+@pytest.mark.slow
 @pytest.mark.parametrize("statement", ["import dart_hal", "import dart_lab.sim",
                                        "import dart_lab.sim.light",
                                        "from dart_lab.sim.light import LightBatch"])

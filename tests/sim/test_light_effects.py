@@ -74,7 +74,7 @@ def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):
 
 @pytest.mark.parametrize("name", WITH_SIGNALS)
 @pytest.mark.parametrize("sensors", [PERFECT, RECORDED])
-@pytest.mark.slow_except("*-gyro_bias", "*-mocap_latency")
+@pytest.mark.slow_except("sensors0-gyro_bias")
 def test_a_batch_is_its_cars_also_when_some_begin_again(name, sensors):
     """Cars of other sizes of the effect, one of which is reset on the way."""
     config = LightConfig(sensors=sensors)

@@ -177,6 +177,7 @@ def test_motion_capture_loses_samples_and_keeps_the_last_pose():
     assert not held[:, 7].all()
 
 
+@pytest.mark.slow
 def test_noise_of_motion_capture():
     sensors = replace(PERFECT, mocap=Mocap(noise=1e-4, yaw_noise=5e-4))
     batch = LightBatch(UPSTREAM_2024, 2000, LightConfig(sensors=sensors), seed=1)

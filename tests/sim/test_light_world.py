@@ -51,6 +51,7 @@ def test_corners_at_an_angle_need_the_sides_of_both():
     assert not overlaps(corners(poses, OUTLINE)).any()
 
 
+@pytest.mark.slow
 def test_cars_meet_and_leave():
     world = LightWorld(["upstream-2024"] * 3, [[0, 0, 0], [3, 0, math.pi], [0, 2, 0]])
     assert not world.contacts().any()

@@ -76,6 +76,7 @@ def test_each_fault_shows_and_none_comes_by_itself():
     assert 30 < off.sum() < 240
 
 
+@pytest.mark.slow
 def test_noise_is_what_was_requested():
     measured = table(rows(replace(QUIET, noise=1e-3, yaw_noise=2e-3), 60.0))
     error = (measured - table(rows(QUIET, 60.0)))[:, 2:]

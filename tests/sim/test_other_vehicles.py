@@ -33,7 +33,7 @@ def filed(tmp_path):
 
 
 @pytest.mark.parametrize("name", SETS)
-@pytest.mark.slow_except("paper")
+@pytest.mark.slow
 def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
     """Two simulations of one vehicle settle at the same speed and turn."""
     record = driven(f"sim://?nano=mock&vehicle={name}", CIRCLE)

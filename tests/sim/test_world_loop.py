@@ -13,6 +13,7 @@ from dart_hal.vehicle import PAPER, make_steering
 EDGE = 0.0412918 / 20
 
 
+@pytest.mark.slow
 def test_left_steering_turns_left(raw_car):
     car = raw_car().arm().drive(0.5, 0.25, 0.8)
     assert car.truth.yaw > 0.05
@@ -39,6 +40,7 @@ def test_no_drive_before_the_esc_has_armed(raw_car):
     assert raw_car().drive(0.0, 0.5, 1.0).truth.v_x == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_encoder_counts_the_distance(raw_car):
     car = raw_car().arm().drive(-PAPER.steering.s0, 0.3, 3.0)
     state = car.states()[-1]
@@ -62,6 +64,7 @@ def test_road_wheel_angle_is_the_map_of_the_pulse(raw_car):
     assert car.truth.steering == pytest.approx(make_steering(PAPER.steering)(0.5), abs=0.004)
 
 
+@pytest.mark.slow
 def test_gyro_and_accelerometer_agree_with_the_motion(raw_car):
     car = raw_car().arm().drive(0.5, 0.24, 4.0)
     state, truth = car.states()[-1], car.truth
@@ -75,6 +78,7 @@ def test_kinematic_car_follows_its_wheels(raw_car):
     assert truth.yaw_rate == pytest.approx(truth.v_x * math.tan(truth.steering) / 0.175, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_brake_then_reverse(raw_car):
     car = raw_car().arm().drive(0.0, 0.3, 2.0)
     fast = car.truth.v_x
@@ -87,6 +91,7 @@ def test_brake_then_reverse(raw_car):
     assert car.states()[-1]["enc_count"] > car.states()[-100]["enc_count"]
 
 
+@pytest.mark.slow
 def test_lost_pulses_let_the_car_roll_out(raw_car):
     car = raw_car().arm().drive(0.0, 0.3, 2.0)
     car.backend.bus.writeto(0x40, b"\xfd\x10")

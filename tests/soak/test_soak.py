@@ -77,6 +77,7 @@ def test_a_host_that_counts_lost_frames_wrong_is_found(monkeypatch):
     assert "frames lost" in report.broken[0][1]
 
 
+@pytest.mark.slow
 def test_pulses_that_outlive_their_command_are_found(monkeypatch):
     """Allowed to end a fifth of a second before the last live moment, any drive breaks it."""
     monkeypatch.setattr(soak, "HOLD", {"mux": -0.25})

@@ -37,6 +37,7 @@ def study(folder, tmp_path):
     return Study(tmp_path, tuple(recordings), find_model("paper")[0])
 
 
+@pytest.mark.slow
 def test_the_last_third_tests(study):
     one, two = study.recordings
     assert split_recordings((one, two)) == ((one,), (two,))
@@ -53,6 +54,7 @@ def test_the_check_says_what_each_recording_is_good_for(study):
     assert load_results(study.folder)["check"].rows == result.rows
 
 
+@pytest.mark.slow
 def test_recordings_without_a_frame_of_their_poses_are_not_used(folder, tmp_path):
     recordings, _ = read_any([folder])
     unknown = [replace(r, marker=None) for r in recordings]
@@ -60,6 +62,7 @@ def test_recordings_without_a_frame_of_their_poses_are_not_used(folder, tmp_path
     assert not result.sound
 
 
+@pytest.mark.slow
 def test_identifiability_names_what_is_missing_and_what_to_drive(study):
     result = run_stage(study, "identifiability")
     determined = {p["name"]: p["determined"] for p in result.facts["parameters"]}
@@ -81,6 +84,7 @@ def test_what_a_fit_changed_is_stated_in_quantities_of_the_workshop():
     assert describe_changes(PAPER, fitted, None) == []
 
 
+@pytest.mark.slow
 def test_a_stage_without_its_model_is_refused(study):
     for stage in ("validation", "diagnosis", "next"):
         with pytest.raises(UsageError, match="no fitted model yet"):
@@ -89,6 +93,7 @@ def test_a_stage_without_its_model_is_refused(study):
         run_stage(study, "guess")
 
 
+@pytest.mark.slow
 def test_a_damaged_result_names_its_stage(study):
     run_stage(study, "check").save(study.folder)
     (study.folder / "1_check.json").write_text("{")

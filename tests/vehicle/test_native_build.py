@@ -220,6 +220,7 @@ def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
         check.check(runs[1], traced, F64, form, "motion", "rk4")
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_an_exact_kernel_that_rounds_differently_is_noticed(tmp_path):
     """The control: the same text with -ffast-math."""

@@ -122,7 +122,7 @@ def test_one_step_from_random_states(p, lanes, n):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
-@pytest.mark.slow_except("shared-PaperTyres-upstream", "per-car-capped")
+@pytest.mark.slow_except("shared*")
 def test_two_seconds_of_transients(p, lanes):
     """200 steps under steps and sines of both commands: floats, numpy, kernel.
 

@@ -91,7 +91,7 @@ LEFT_RIGHT = np.array([1, -1, -1, 1, -1, -1, 1, -1.0])[:, None]
 @pytest.mark.parametrize("p", BOTH_SIDES, ids=IDS)
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15)
-@pytest.mark.slow_except("*-native")
+@pytest.mark.slow_except("kinematic-native")
 def test_a_mirrored_drive_is_the_mirror_image(engine, p, seed):
     draw = np.random.default_rng(seed)
     n = 5
@@ -216,7 +216,7 @@ def test_a_motion_step_of_casadi_symbols_takes_parameters_as_symbols_too():
 
 
 @pytest.mark.parametrize(("limited", "chatters"), [(False, True), (True, False)])
-@pytest.mark.slow_except("True-False")
+@pytest.mark.slow
 def test_a_step_of_10_ms_bears_the_paper_s_tyres_at_walking_pace(limited, chatters, monkeypatch):
     """The lateral motion relaxes no faster than the step can follow; without that it chatters."""
     free = replace(PAPER, friction=replace(PAPER.friction, a=0.0, c=0.0),

@@ -54,6 +54,7 @@ def test_fit_of_a_small_car_keeps_the_limits_of_forces():
     assert bounds(heavy, "motor.d")[1] == pytest.approx(200.0 * 72.0 / REFERENCE_MASS)
 
 
+@pytest.mark.slow
 def test_a_set_for_another_car_has_forces_of_that_car():
     model = find_model("paper")[0]
     large = set_sizes(model, Geometry(wheelbase=2.6, l_f=1.3, l_r=1.3, mass=1000.0))

@@ -73,7 +73,7 @@ def disagreement(method="rk4"):
 
 
 @pytest.mark.parametrize("method", ["rk4", "midpoint"])
-@pytest.mark.slow_except("midpoint")
+@pytest.mark.slow
 def test_a_step_and_an_eighth_of_it_agree_down_to_5_cm_per_second(method):
     v_y, omega, place, states = disagreement(method)
     assert np.isfinite(states).all()
@@ -108,6 +108,7 @@ def test_control_an_unstable_step_turns_a_small_change_into_noise(monkeypatch):
         assert moved_by_a_millionth() > 1e-3
 
 
+@pytest.mark.slow_except("paper")
 @pytest.mark.parametrize("vehicle", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 def test_the_published_cars_are_as_they_were_above_walking_pace(vehicle, monkeypatch):
     """Above 0.5 m/s not a bit changes, with steps of 2.5 and of 10 ms."""

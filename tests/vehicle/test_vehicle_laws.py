@@ -87,7 +87,7 @@ def test_own_slip_angles_equal_the_paper_s_where_those_hold(vx, vy, om, delta):
     assert ours == pytest.approx(paper, abs=2e-5)
 
 
-@pytest.mark.slow_except("0.3-paper", "0.0-upstream-2024")
+@pytest.mark.slow_except("0.0-upstream-2024")
 @each_set
 @pytest.mark.parametrize("delta", [0.0, 0.3, -0.3])
 def test_a_rolling_car_loses_energy(vehicle, delta):

@@ -75,6 +75,7 @@ def test_the_definitions_pass():
     check()
 
 
+@pytest.mark.slow
 def test_equal_seeds_are_refused():
     twin = same_seed_as(STATE, BY_NAME["DIAG"])
     messages = [twin if m.name == "DIAG" else m for m in MESSAGES]

@@ -84,6 +84,7 @@ def test_header_is_narrow_and_names_every_message():
         assert any(f"kSeed = 0x{m.seed:04X}u;" in line for line in lines)
 
 
+@pytest.mark.slow_except("avr-g++")
 @pytest.mark.parametrize("compiler", [["g++"], ["avr-g++", "-mmcu=atmega328p", "-Os"]],
                          ids=lambda c: c[0])
 def test_header_compiles_without_a_warning(compiler, tmp_path):

@@ -82,6 +82,7 @@ def test_a_calibration_that_was_written_reads_the_same(cal: Calibration) -> None
     assert parse_calibration(dump(cal), "x", cal.car) == cal
 
 
+@pytest.mark.slow
 @given(calibrations(), calibrations())
 def test_writing_over_an_older_calibration_leaves_nothing_of_it(old, new) -> None:
     assert parse_calibration(merge(dump(old), new), "x", new.car) == new

@@ -312,6 +312,7 @@ def test_a_whole_process_group_is_killed_and_the_guard_is_not_of_it(bench: Bench
     wait_for_neutral(bench)
 
 
+@pytest.mark.slow
 def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
     benches = [Bench(tmp_path / name) for name in "ab"]
     first, second = (start(bench, "guarded") for bench in benches)
@@ -329,6 +330,7 @@ def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
         bench.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("owned", [True, False])
 def test_a_guard_on_a_dead_bus_writes_nothing_for_the_next_owner(
         bench: Bench, owned: bool) -> None:
@@ -461,6 +463,7 @@ def test_a_guard_that_is_closed_writes_nothing(bench: Bench) -> None:
     assert guard._process.returncode == 0, "it has ended, and is no zombie"
 
 
+@pytest.mark.slow
 def test_a_guard_without_a_bus_does_not_start(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="does not start") as caught:
         Guard(f"unix:{tmp_path}/none", open_bus, address=0x40, channel=1, neutral_counts=307)

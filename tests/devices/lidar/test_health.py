@@ -21,7 +21,7 @@ def health(seed, lidar="1", seconds=4.0, steering=0.35):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.slow_except("1")
+@pytest.mark.slow
 def test_a_good_one_gives_nothing_to_look_at(seed):
     found = health(seed)
     assert list(found.sentences()) == []
@@ -63,6 +63,7 @@ def test_lost_packets_and_a_unit_that_is_too_fast_are_reported():
     assert "8.60 times a second" in messages
 
 
+@pytest.mark.slow
 def test_a_lidar_in_the_dark_is_blind_all_around():
     found = health(1, "dropout=1", seconds=1.0)
     assert found.blind == ((-pi, pi),)

@@ -101,6 +101,7 @@ def clear(error: DartHalError) -> DartHalError:
     return error
 
 
+@pytest.mark.slow
 def test_a_silent_port_names_the_rates_that_were_tried(fake, hurried):
     with pytest.raises(NoHello) as caught:
         Car.open(f"serial://{fake().path}")
@@ -110,6 +111,7 @@ def test_a_silent_port_names_the_rates_that_were_tried(fake, hurried):
     assert error.found.count("not one byte") == 2
 
 
+@pytest.mark.slow
 def test_a_port_with_foreign_bytes_is_reported_with_their_number(fake, hurried):
     noisy = fake(lambda nano: b"\xa5\x00garbage\x13")
     with pytest.raises(NoHello) as caught:
@@ -117,12 +119,14 @@ def test_a_port_with_foreign_bytes_is_reported_with_their_number(fake, hurried):
     assert clear(caught.value).found.count("bytes that are no frame of ours") == 2
 
 
+@pytest.mark.slow
 def test_frames_without_a_hello_are_no_answer(fake, hurried):
     pong = encode(TIME_PONG, 0, random_values(TIME_PONG, random.Random(1)))
     with pytest.raises(NoHello):
         Car.open(f"serial://{fake(lambda nano: pong).path}")
 
 
+@pytest.mark.slow
 def test_it_falls_back_to_the_rate_at_which_hello_comes(fake, hurried):
     """The far end answers requests only once the port runs at 115200."""
     hello = encode(HELLO, 7, random_values(HELLO, random.Random(1)))
@@ -143,6 +147,7 @@ def test_it_falls_back_to_the_rate_at_which_hello_comes(fake, hurried):
         assert "commands are not sent" in car.notices[0]
 
 
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_a_nano_whose_parameter_is_115200_is_found(hurried):
     from dart_hal.devices.links.emulator import EmulatedNano
@@ -266,6 +271,7 @@ def test_a_bus_that_is_not_there_lets_go_of_the_port(fake, spec, error):
     SerialLink(nano.path).close()
 
 
+@pytest.mark.slow
 def test_a_failed_open_closes_what_was_open(fake, hurried):
     nano = fake()
     before = len(os.listdir("/proc/self/fd"))

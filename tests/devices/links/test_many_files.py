@@ -61,6 +61,7 @@ def test_a_port_with_a_high_descriptor_is_read_and_written(wire):
     assert os.read(master, 100) == b"beat"
 
 
+@pytest.mark.slow
 def test_a_port_that_takes_nothing_is_given_up_after_a_frame(wire):
     _, link = wire
     for _ in range(20):

@@ -72,6 +72,7 @@ def test_an_error_of_a_sensor_names_its_package(package, open_sensor, name, mess
     assert "other-car 2.5" in caught.value.what
 
 
+@pytest.mark.slow_except("lidar*")
 @pytest.mark.parametrize(("kind", "open_sensor", "url"), [
     ("camera", open_camera, "usb:/dev/no-camera"), ("lidar", open_lidar, "serial://"),
     ("poses", open_poses, "udp://no-port")])

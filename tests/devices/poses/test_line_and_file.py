@@ -139,6 +139,7 @@ def test_neither_a_missing_file_nor_a_pipe_hangs(tmp_path):
             open_poses(f"file://{tmp_path / name}")
 
 
+@pytest.mark.slow
 def test_a_car_takes_a_source_by_its_url_or_from_the_environment(tmp_path, monkeypatch):
     path = tmp_path / "poses.csv"
     path.write_text("t,x,y,yaw\n" + "".join(f"{0.01 * k:.2f},1,2,0.5\n" for k in range(100)))

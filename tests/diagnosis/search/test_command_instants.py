@@ -34,11 +34,13 @@ def certainty(evidence_of_drive):
                          Settings())._measure_training_noise(PAPER, SOME_AGE).age_scale
 
 
+@pytest.mark.slow
 def test_commands_of_a_published_recording_may_have_any_age(evidence_of_drive):
     assert not evidence_of_drive.commands_stamped
     assert np.min(certainty(evidence_of_drive)) < 0.9
 
 
+@pytest.mark.slow
 def test_commands_of_a_run_wait_for_a_frame_and_no_longer(evidence_of_drive):
     runs = [replace(d, recording=replace(d.recording, schema=RUN))
             for d in evidence_of_drive.drives]

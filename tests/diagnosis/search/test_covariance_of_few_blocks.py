@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from dart_lab.identification.objective import covariance
 
@@ -27,6 +28,7 @@ def fit_blocks(rng, blocks, rows, parameters):
     return x, covariance(point, block), bread @ scores.T @ scores @ bread
 
 
+@pytest.mark.slow
 def test_few_blocks_with_many_parameters_have_honest_errors():
     """The plain sandwich is the control: its errors are too small there."""
     rng = np.random.default_rng(0)

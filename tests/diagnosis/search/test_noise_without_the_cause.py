@@ -51,7 +51,7 @@ def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
 
 
 @pytest.mark.parametrize("refit", [False, True])
-@pytest.mark.slow_except("True")
+@pytest.mark.slow
 def test_effects_of_the_base_move_with_a_refit_only(refit):
     """A rate limit that is free stretches until no lag is missing."""
     base = apply(PAPER, "steering_rate_limit", k=0.1)

@@ -45,6 +45,7 @@ def finer(again, first):
     return first - 1e-3 < again < 1.05 * first
 
 
+@pytest.mark.slow
 def test_what_promised_nothing_is_not_rolled_out_again(evidence_of_drive, point, rollouts):
     first = scan(evidence_of_drive, point, SEARCHED_EFFECTS)
     assert sorted(rollouts) == sorted(SEARCHED_EFFECTS)
@@ -61,6 +62,7 @@ def test_what_promised_nothing_is_not_rolled_out_again(evidence_of_drive, point,
         assert abs(trial.gain - gains[trial.effect]) < 1.0 or finer(trial.gain, gains[trial.effect])
 
 
+@pytest.mark.slow
 def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     """In a round before, all that is left of it was nothing; with the other gone it is there."""
     both = evidence(drive(("steering_lag", 0.06), ("gyro_scale", 0.05), seconds=24.0))
@@ -73,6 +75,7 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
 
 
+@pytest.mark.slow
 def test_a_best_size_that_was_tried_before_needs_no_ladder(evidence_of_drive, point, monkeypatch):
     """No less gain at about that size, from few rollouts; from lines that lie, by the ladder."""
     tried = []
@@ -99,6 +102,7 @@ def test_a_best_size_that_was_tried_before_needs_no_ladder(evidence_of_drive, po
     assert found.gain == pytest.approx(first.gain, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_drive, point):
     """A large cause brings residuals to their limit; what the others do is known all the same."""
     quiet = replace(point.noise, motion=1e3 * point.noise.motion)
@@ -112,6 +116,7 @@ def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_d
     assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 
 
+@pytest.mark.slow
 def test_slopes_weighted_by_another_noise_are_those_it_whitens_itself(evidence_of_drive, point):
     other, _ = fit_start(evidence_of_drive, noise=None)
     other_noise = fit_start(evidence_of_drive, p=PAPER, free=("motor.d",))[0]

@@ -138,7 +138,7 @@ def delay_case(request):
     return of_drive, noise, point, change
 
 
-@pytest.mark.slow_except("steps")
+@pytest.mark.slow
 def test_the_slope_of_a_delay_foretells_what_a_delay_does(delay_case):
     _, _, point, change = delay_case
     (up, down), *_ = point.space.steps(point.x)
@@ -154,7 +154,7 @@ def test_the_slope_of_a_delay_foretells_what_a_delay_does(delay_case):
 
 
 @pytest.mark.parametrize("start", [0.10, 0.20])
-@pytest.mark.slow_except("steps-0.1")
+@pytest.mark.slow
 def test_a_delay_is_found_from_either_side(delay_case, start):
     """Of delay and age of the commands the difference is known: where a command acts."""
     of_drive, noise, point, _ = delay_case

@@ -104,6 +104,7 @@ def test_no_rollout_within_the_bounds_runs_away():
                 assert np.abs(r).max() < 15.0, (name, k)
 
 
+@pytest.mark.slow_except("differential*")
 @pytest.mark.parametrize(("name", "k"), [("yaw_damping", -0.2), ("differential_drag", -0.5),
                                          ("quadratic_drag", -2.0)])
 def test_with_the_other_sign_it_would(name, k):

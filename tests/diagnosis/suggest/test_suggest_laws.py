@@ -49,6 +49,7 @@ def rollouts():
     return drive
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["", "steering_lag:0.06", "mocap_yaw:0.03", "gyro_scale:0.06"])
 def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     name, _, k = effect.partition(":")

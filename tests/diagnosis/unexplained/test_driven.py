@@ -25,6 +25,7 @@ def spread(motion):
     return np.median(np.abs(motion - np.median(motion, axis=0)), axis=0)
 
 
+@pytest.mark.slow
 def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(plain_evidence):
     rng = np.random.default_rng(3)
     n = len(plain_evidence.motion_drive)

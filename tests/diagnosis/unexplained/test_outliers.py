@@ -55,10 +55,12 @@ def test_gusts_are_found_with_their_moments():
         assert since < 2.5
 
 
+@pytest.mark.slow
 def test_a_sound_car_has_none():
     assert find_long_tails(record_car(Car(), "steps", seed=4)) == {}
 
 
+@pytest.mark.slow
 def test_too_few_windows_give_no_finding():
     car = Car()
     add_gusts(car, 1.2, seed=1)

@@ -72,7 +72,7 @@ def structure(of_drive, r):
 
 @pytest.mark.parametrize(("error", "as_it_is", "left"), [
     (delay_pulses, {"gyro"}, set()), (reduce_gyro_by_angle, {"gyro"}, {"gyro"})])
-@pytest.mark.slow_except("delay_pulses-*")
+@pytest.mark.slow
 def test_what_a_wait_does_is_no_structure_and_all_else_is(monkeypatch, run, error, as_it_is, left):
     erring(monkeypatch, run, error(run))
     assert structure(run, lambda noise: run.residuals(PAPER)) == as_it_is

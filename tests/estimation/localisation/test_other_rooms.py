@@ -21,7 +21,7 @@ from studies.localisation.world import drive, hidden, run
 
 
 @pytest.mark.parametrize("seed", [5100, 5102, 5104])
-@pytest.mark.slow_except("5100")
+@pytest.mark.slow
 def test_another_room_of_the_same_outline_is_refused(seed):
     """By one of its scans; the control is the own room."""
     d = drive(seed, hidden(seed, seconds=3.0))

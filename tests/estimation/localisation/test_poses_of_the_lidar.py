@@ -100,6 +100,7 @@ def simulate_scan(lines, pose=(2.0, 1.5, 0.4)):
     return points, points, np.zeros_like(points)
 
 
+@pytest.mark.slow
 def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
     bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
     found = search(map_of_lines(bare), *simulate_scan(bare))

@@ -51,6 +51,7 @@ def draw_rays(rng, lines, size):
     return origin, direction
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), kind=st.sampled_from(KINDS_OF_LINES),
        size=st.sampled_from((0.3, 3.0, 30.0, 300.0)))
 def test_index_finds_what_all_pairs_find(seed, kind, size):

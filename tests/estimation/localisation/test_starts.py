@@ -44,6 +44,7 @@ def test_scans_that_turn_against_the_gyro_are_refused():
         assert (last.pose is not None) is good
 
 
+@pytest.mark.slow
 def test_the_gap_of_a_second_is_bridged():
     d = drive(2003, hidden(2003, seconds=12.0, gap=1.0))
     r = run(d)

@@ -22,6 +22,7 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.slow
 def test_a_car_of_hidden_errors_is_followed_at_two_metres_per_second(quick):
     found = run(quick)
     assert len(found.off) == len(quick.scans)
@@ -48,6 +49,7 @@ def test_the_hidden_errors_are_learnt():
     assert (np.abs(off) < (0.005, 0.004, 0.004, 0.012, 0.003)).all()
 
 
+@pytest.mark.slow
 def test_a_wrong_pose_is_reported_within_three_scans(quick):
     local = Localiser(quick.chart, (1.0, 1.0, 0.3))
     results = run(quick, localiser=local).told[:3]

@@ -12,6 +12,7 @@ from studies.mapping.figures import CLOSED, TURNED, localised, outer, written
 from studies.mapping.world import again, around, gap, mapped, placed_on, walls
 
 
+@pytest.mark.slow
 def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():
     d = drive(6002, hidden(6002, seconds=6.0))
     survey = mapped(d)

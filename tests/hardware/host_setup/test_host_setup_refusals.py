@@ -59,6 +59,7 @@ def run_refused(box: Box, check: str, *options: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_no_bus(box: Box) -> None:
     (box.root / "dev" / "i2c-1").unlink()
     box.put("dev/i2c-0", "")
@@ -87,6 +88,7 @@ def test_brltty_takes_the_nano(box: Box, rule: str) -> None:
     assert box.run("--dry-run").returncode == 0, "a rule that is commented out takes nothing"
 
 
+@pytest.mark.slow
 def test_a_foreign_command_of_that_name_is_not_overwritten(box: Box) -> None:
     theirs = box.put("usr/local/bin/dart-hal", "theirs")
     done = box.run()

@@ -31,10 +31,12 @@ def test_a_second_run_does_nothing(box: Box) -> None:
     second_run_does_nothing(box)
 
 
+@pytest.mark.slow
 def test_remove_undoes_it(box: Box) -> None:
     remove_undoes(box)
 
 
+@pytest.mark.slow
 def test_the_computer_never_sleeps(box: Box) -> None:
     sleep_is_masked(box)
 
@@ -123,6 +125,7 @@ def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> Non
     assert "daemon-reload" in done.stdout, "the service must read its settings again"
 
 
+@pytest.mark.slow
 def test_other_extras_make_a_new_environment_and_are_remembered(box: Box) -> None:
     assert "[view,map]" in box.run("--dry-run").stdout
     box.run("--with", "view,camera")

@@ -188,7 +188,7 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
     return 1e3 * (driving[-1] - died)
 
 
-@pytest.mark.slow_except("0.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.4, 0.8, 0.9])
 def test_the_car_is_at_neutral_within_200_ms_of_the_end_of_driver_and_guard(
         monkeypatch: pytest.MonkeyPatch, share: float) -> None:
@@ -197,6 +197,7 @@ def test_the_car_is_at_neutral_within_200_ms_of_the_end_of_driver_and_guard(
     assert ms_until_neutral(monkeypatch, share * interval, interval) <= 200.0
 
 
+@pytest.mark.slow
 def test_a_service_that_looks_each_300_ms_is_too_late(monkeypatch: pytest.MonkeyPatch) -> None:
     """The control: both end right after a look."""
     assert ms_until_neutral(monkeypatch, 0.0, 0.3) > 200.0

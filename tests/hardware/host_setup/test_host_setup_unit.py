@@ -114,6 +114,7 @@ def verify_unit(text: str, folder: Path) -> str:
                      if "dart-hal.service" in line)
 
 
+@pytest.mark.slow_except("Type*")
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("WatchdogSec=2", "WatchdogSec=soon", "soon"), ("Type=notify", "Type=notifies", "notifies"),
     ("current/bin", "current/bon", "bon"), ("[Install]", "[Instal]", "Instal"),

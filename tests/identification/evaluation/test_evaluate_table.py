@@ -77,6 +77,7 @@ def full(recordings) -> Table:
     return Table(recordings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", [t for t, row in ROWS.items() if row.excerpt])
 def test_rows_on_the_excerpt(small, title):
     check(small, title)

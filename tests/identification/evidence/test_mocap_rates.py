@@ -55,7 +55,7 @@ def measure_errors(recording):
 
 
 @pytest.mark.parametrize("hz", RATES)
-@pytest.mark.slow_except("20", "200")
+@pytest.mark.slow_except("200")
 def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
     windows, messages, size = measure_errors(drive)
     other = measure_errors(at_rate(drive, hz, tmp_path / "other.csv", 0.001 if hz < 100 else 0.0))

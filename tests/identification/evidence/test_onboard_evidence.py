@@ -30,6 +30,7 @@ def size(residuals, columns=slice(None)):
     return float(np.sqrt(np.mean(residuals.motion[:, columns]**2)))
 
 
+@pytest.mark.slow
 def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     r = plain.residuals(PAPER)
     assert r.motion.shape == (len(plain.motion_drive), 2 * MESSAGES_AHEAD)
@@ -73,6 +74,7 @@ def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, p
     assert size(wrong.residuals(PAPER)) > 1.15 * known
 
 
+@pytest.mark.slow
 def test_at_rest_a_tilt_and_a_bias_are_measured_at_once(tmp_path):
     tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
     of_drive = evidence(record_onboard(tmp_path, tilted, seed=22, seconds=90.0))
@@ -88,6 +90,7 @@ def test_at_rest_a_tilt_and_a_bias_are_measured_at_once(tmp_path):
     assert abs(mean(tilted)[2]) < 0.35
 
 
+@pytest.mark.slow
 def test_the_extra_weight_of_a_car_at_rest_is_known_and_taken_off_again(plain):
     scale = np.array([7.0, 9.0])
     quieter = type(plain)([replace(d, noise_scale=scale) for d in plain.drives], plain.l_r)
@@ -110,6 +113,7 @@ def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
 
 
+@pytest.mark.slow
 def test_commands_ahead_of_their_messages_are_a_shorter_delay(plain):
     shorter = replace(PAPER, delay=replace(PAPER.delay, steering_s=PAPER.delay.steering_s - 0.02,
                                            throttle_s=0.0))
@@ -123,6 +127,7 @@ def _forget(evidence):
     evidence._residuals_cache.clear()
 
 
+@pytest.mark.slow
 def test_residuals_are_the_same_every_time(plain):
     a = plain.residuals(PAPER, MessageTiming(0.003))
     _forget(plain)
@@ -155,6 +160,7 @@ def test_recordings_without_data_give_no_rows_and_are_reported():
     assert [len(b) for b in nothing.blocks()] == [0, 0]
     assert any("how the car moves" in s for s in list_limits(nothing))
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "predictions"), [("imu_yaw", 1), ("imu_pitch", 2)])
 def test_motion_is_predicted_once_for_effects_on_the_accelerometer_alone(plain, monkeypatch, name,
                                                                          predictions):

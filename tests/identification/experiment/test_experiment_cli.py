@@ -44,6 +44,7 @@ def test_json_is_one_object_with_fit_recording_and_values_before(run, tmp_path):
     assert "understeer gradient" not in " ".join(result["fits"]["tyres"]["notes"])
 
 
+@pytest.mark.slow
 def test_too_small_a_floor_records_nothing(run, tmp_path):
     code, out, _ = run("motor", *SIM, "--space", "4x3", "--out", "one.mcap", "--json")
     assert code == 2

@@ -70,6 +70,7 @@ def test_car_that_never_moves_is_reported_with_its_cause(files, plan):
     assert car.stops == 1
 
 
+@pytest.mark.slow
 def test_dead_encoder_is_distinguished_from_a_dead_esc(files, plan):
     car = Troubled(files, encoder=False)
     with pytest.raises(ExperimentFailed, match="encoder does not count"):
@@ -77,17 +78,20 @@ def test_dead_encoder_is_distinguished_from_a_dead_esc(files, plan):
     assert car.stops == 1
 
 
+@pytest.mark.slow
 def test_lost_yaw_rate_ends_the_drive(files, plan):
     with pytest.raises(ExperimentFailed, match="no yaw rate"):
         run_plan(Troubled(files, imu=False), plan)
 
 
+@pytest.mark.slow
 def test_a_trip_ends_the_drive_with_its_cause(files, plan):
     with pytest.raises(ExperimentFailed, match="TRIPPED") as error:
         run_plan(Troubled(files, disarm_at=4.0), plan)
     assert "LINK_STALE" in error.value.found
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_car(files, plan):
     car = Troubled(files, break_at=5.0)
     with pytest.raises(KeyboardInterrupt):
@@ -95,6 +99,7 @@ def test_ctrl_c_stops_the_car(files, plan):
     assert car.stops == 1
 
 
+@pytest.mark.slow
 def test_car_that_does_not_steer_is_stopped_before_the_edge(files, plan):
     drive = run_plan(Troubled(files, steers=False), plan)
     assert "lane" in drive.stopped

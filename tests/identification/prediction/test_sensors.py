@@ -63,6 +63,7 @@ def found(pattern: str) -> set[str]:
             if re.search(pattern, f.read_text(encoding="utf-8"), re.MULTILINE)}
 
 
+@pytest.mark.slow
 def test_the_forward_model_is_defined_once():
     assert found(r"return motor\(.*\) \+ friction\(") == {"dart_hal/vehicle/motor.py"}
     behind = found(r"^[A-Z_]+(, [A-Z_]+)* = 0\.0[12]0?\b +# s\b.*\b(grid|frames?|pulses)\b")

@@ -29,6 +29,7 @@ def blind(recording, **columns):
     return replace(recording, messages=replace(recording.messages, **columns))
 
 
+@pytest.mark.slow
 def test_a_car_that_never_moves(driven):
     parked = [replace(blind(r, speed=np.zeros(len(r.messages)), yaw_rate=np.zeros(len(r.messages))),
                       encoder="zero") for r in driven]
@@ -38,6 +39,7 @@ def test_a_car_that_never_moves(driven):
     assert all(f.used == 0 and "the car never moved" in f.why for f in files.values())
 
 
+@pytest.mark.slow
 def test_a_dead_encoder_without_mocap_is_named(driven):
     dead = [replace(blind(r, speed=np.full(len(r.messages), np.nan)), encoder="dead")
             for r in driven]
@@ -72,6 +74,7 @@ def test_time_backwards_and_ten_rows(driven, tmp_path):
     assert fit_submodels([read(short)], ("motor",))[0]["motor"].n == 0
 
 
+@pytest.mark.slow
 def test_a_wrong_name_and_nothing_to_fit(driven):
     with pytest.raises(UsageError, match="sub-model"):
         fit_submodels(driven, ("engine",))

@@ -60,6 +60,7 @@ def test_topics_of_a_car_with_lidar_and_map(driven):
     assert len(driven.scans) > 20
 
 
+@pytest.mark.slow
 def test_map_times_odometry_is_the_localised_pose(driven):
     checked = 0
     for us, odometry in stamped(driven, "odom_1").items():
@@ -75,6 +76,7 @@ def test_map_times_odometry_is_the_localised_pose(driven):
     assert checked > 300
 
 
+@pytest.mark.slow
 def test_the_localised_pose_is_where_the_car_truly_is(driven):
     rows = driven.buffer.links["odom_1"][1][-200:]
     true = true_path(driven.backend, np.array([t for t, _ in rows]) - driven.bridge._epoch)
@@ -84,6 +86,7 @@ def test_the_localised_pose_is_where_the_car_truly_is(driven):
     assert np.ptp(true[:, 0]) > 0.5, "it drove"
 
 
+@pytest.mark.slow
 def test_odometry_is_continuous_while_the_map_corrects_it(driven):
     rows = driven.buffer.links["base_link_1"][1]
     steps = [np.hypot(b.x - a.x, b.y - a.y) for (_, a), (_, b) in pairwise(rows)]
@@ -92,6 +95,7 @@ def test_odometry_is_continuous_while_the_map_corrects_it(driven):
     assert len(corrections) > 10
 
 
+@pytest.mark.slow
 def test_without_a_pose_there_is_no_map_frame(driven):
     writer = TopicWriter(1, 0.09, simulated=True)
     state = driven.states[-1]
@@ -101,6 +105,7 @@ def test_without_a_pose_there_is_no_map_frame(driven):
         assert [one.fields["child_frame_id"] for one in tf.fields["transforms"]] == ["base_link_1"]
 
 
+@pytest.mark.slow
 def test_gmapping_accepts_each_scan_and_places_its_points_right(driven):
     mapper = Gmapping(driven.scans[0], driven.buffer)
     for scan in driven.scans:
@@ -110,6 +115,7 @@ def test_gmapping_accepts_each_scan_and_places_its_points_right(driven):
         assert placed_right(driven, scan, points) > 0.9
 
 
+@pytest.mark.slow
 def test_control_gmapping_of_a_mirrored_scan_places_them_wrongly(driven):
     mapper = Gmapping(driven.scans[0], driven.buffer)
     scan = driven.scans[10]
@@ -117,6 +123,7 @@ def test_control_gmapping_of_a_mirrored_scan_places_them_wrongly(driven):
     assert placed_right(driven, mirrored, mapper.points(mirrored)) < 0.5
 
 
+@pytest.mark.slow
 def test_control_gmapping_drops_a_scan_of_another_size(driven):
     mapper = Gmapping(driven.scans[0], driven.buffer)
     scan = driven.scans[10]
@@ -135,6 +142,7 @@ def placed_right(driven, scan, points):
     return float(np.mean(distance < 0.01 + 0.01 * np.hypot(*points.T)))
 
 
+@pytest.mark.slow
 def test_amcl_finds_the_walls_of_the_map_under_the_beams(driven):
     """By the pose in the map at the stamp of the scan; control: with the other sense of angles."""
     shares = [on_walls(driven, scan, amcl_points(scan, driven.buffer)) for scan in driven.scans[8:]]
@@ -163,6 +171,7 @@ def on_walls(driven, scan, points):
     return float(np.mean(np.array(distance) < 0.15))
 
 
+@pytest.mark.slow
 def test_one_clock_for_all_stamps(driven):
     """Control: the transform of a time after the last State is refused."""
     times = [seconds(m.fields["clock"]) for topic, m in driven.ros.published if topic == "/clock"]
@@ -185,6 +194,7 @@ def test_one_clock_for_all_stamps(driven):
         driven.buffer.look_up("odom_1", "base_link_1", times[-1] + 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", ["scan_1", "/tf", "/tf_static", "/map", "/clock"])
 @pytest.mark.parametrize("store_name", ["ROS2_HUMBLE", "ROS1_NOETIC"])
 def test_each_message_fits_the_types_of_ros(driven, topic, store_name):

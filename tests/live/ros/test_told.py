@@ -41,6 +41,7 @@ def test_the_topics_are_those_of_upstream(driven):
         "vy_3", "omega_3", "commands_timestamped_car_3", "/clock"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("battery", [True, False])
 def test_the_battery_has_a_topic_where_it_is_measured(battery):
     with BridgedCar(f"sim://?nano=mock&seed=1&battery={battery:d}", number=3) as car:
@@ -57,12 +58,14 @@ def test_the_battery_has_a_topic_where_it_is_measured(battery):
             assert build_object(battery_state(8.0, 1.0), class_of).voltage == 8.0
 
 
+@pytest.mark.slow
 def test_a_real_car_leaves_the_motion_capture_to_others(driven):
     writer = TopicWriter(3, 0.09, simulated=False)
     names = {topic for topic, _ in writer.messages(driven.states[-1], (0.0, 0.0, 0.0), 0.0)}
     assert names == {"sensors_and_input_3", "arduino_data_3", "odom_3", "/tf"}
 
 
+@pytest.mark.slow
 def test_sensors_are_in_upstreams_order(driven):
     data = driven.ros.last("sensors_and_input_3").fields["data"]
     state = driven.states[-1]
@@ -75,6 +78,7 @@ def test_sensors_are_in_upstreams_order(driven):
     assert state.yaw_rate > 0.1, "left is positive"
 
 
+@pytest.mark.slow
 def test_every_sample_is_published(driven):
     times = [m.fields["data"][0] for name, m in driven.ros.published
              if name == "sensors_and_input_3"]
@@ -84,6 +88,7 @@ def test_every_sample_is_published(driven):
     assert len(poses) == pytest.approx(100.0 * times[-1], rel=0.1), "each pose once"
 
 
+@pytest.mark.slow
 def test_the_simulators_topics_are_the_motion_of_the_centre_of_mass(driven):
     vx, vy, omega = (driven.ros.last(f"{name}_3").fields["data"] for name in ("vx", "vy", "omega"))
     state = driven.states[-1]
@@ -118,6 +123,7 @@ def test_a_recording_is_published_and_not_driven(tmp_path):
 TOPICS = ["sensors_and_input_3", "arduino_data_3", "odom_3", "/tf", "vicon/jetracer3", "vx_3"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", TOPICS)
 @pytest.mark.parametrize("store_name", ["ROS2_HUMBLE", "ROS1_NOETIC"])
 def test_each_message_fits_the_types_of_ros(driven, topic, store_name):
@@ -133,6 +139,7 @@ def test_each_message_fits_the_types_of_ros(driven, topic, store_name):
     assert bytes(pack(again, kind)) == data
 
 
+@pytest.mark.slow
 def test_odometry_is_to_the_byte_the_recorders(driven):
     """The recorder's CDR is decoded by mcap-ros2-support, rosbags and cyclonedds; only the frames'
     names differ."""

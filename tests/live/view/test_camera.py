@@ -116,6 +116,7 @@ def record_camera(path, seconds=1.0):
         return car.camera.images()
 
 
+@pytest.mark.slow
 def test_a_recorded_run_has_its_images_and_a_long_one_fewer(tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
     images = record_camera(path, 0.5)

@@ -40,13 +40,14 @@ ENDS_OF_DRIVING = {"hidden": lambda seat: seat.send_message("one", m.Release()),
 
 
 @pytest.mark.parametrize("how", ENDS_OF_DRIVING)
-@pytest.mark.slow_except("hidden", "gone")
+@pytest.mark.slow
 def test_an_end_that_is_reported_is_at_the_pin_at_once(how):
     last, seat = end_of_hold(ENDS_OF_DRIVING[how])
     assert last <= REPORTED_END_S
     assert seat.car.mode != "ARMED", "it is armed again by hand"
 
 
+@pytest.mark.slow
 def test_a_page_that_falls_silent_leaves_the_car_neutral():
     last, seat = end_of_hold(lambda seat: None)
     assert REPORTED_END_S < last <= SILENT_PAGE_LIMIT_S
@@ -54,11 +55,13 @@ def test_a_page_that_falls_silent_leaves_the_car_neutral():
     assert any("silent" in text for text in seat.list_texts())
 
 
+@pytest.mark.slow
 def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 0.4)
     assert end_of_hold(lambda seat: None)[0] > SILENT_PAGE_LIMIT_S
 
 
+@pytest.mark.slow
 def test_control_a_release_that_is_not_received_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(Operator, "release", lambda *args: None)
     assert end_of_hold(ENDS_OF_DRIVING["hidden"])[0] > REPORTED_END_S
@@ -87,6 +90,7 @@ def test_a_released_stick_is_neutral_at_once_and_holding_it_drives_again():
     assert seat.car.mode == "ARMED", "each hold starts the 10 s again"
 
 
+@pytest.mark.slow
 def test_a_stick_that_stays_released_disarms_after_ten_seconds():
     _, seat = release_and_wait(9.9)
     assert seat.car.mode == "ARMED"
@@ -98,11 +102,13 @@ def test_a_stick_that_stays_released_disarms_after_ten_seconds():
     assert seat.driving(began) == []
 
 
+@pytest.mark.slow
 def test_control_without_that_limit_it_stays_armed(monkeypatch):
     monkeypatch.setattr(operator, "MAX_RELEASED_S", 1e9)
     assert release_and_wait(11.0)[1].car.mode == "ARMED"
 
 
+@pytest.mark.slow
 def test_a_car_that_is_armed_and_never_driven_disarms_after_ten_seconds():
     with AtTheDesk() as seat:
         seat.take_and_arm()
@@ -113,6 +119,7 @@ def test_a_car_that_is_armed_and_never_driven_disarms_after_ten_seconds():
 ENDS_OF_WATCHING = {**ENDS_OF_DRIVING, "silent": lambda seat: None}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ENDS_OF_WATCHING)
 def test_a_released_stick_ends_with_its_page(how):
     _, seat = release_and_wait(2.0)
@@ -125,6 +132,7 @@ def test_a_released_stick_ends_with_its_page(how):
     assert seat.driving(began) == []
 
 
+@pytest.mark.slow
 def test_control_without_an_age_limit_a_silent_page_keeps_the_car_armed(monkeypatch):
     monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 1e9)
     _, seat = release_and_wait(2.0)
@@ -132,6 +140,7 @@ def test_control_without_an_age_limit_a_silent_page_keeps_the_car_armed(monkeypa
     assert seat.car.mode == "ARMED"
 
 
+@pytest.mark.slow
 def test_a_page_that_is_hidden_while_the_car_arms_ends_the_arming():
     with AtTheDesk() as seat:
         seat.send_message("one", m.Take("right"))
@@ -142,6 +151,7 @@ def test_a_page_that_is_hidden_while_the_car_arms_ends_the_arming():
         assert "ARMED" not in [mode for _, mode in seat.modes]
 
 
+@pytest.mark.slow
 def test_a_stick_that_is_released_after_a_stop_arms_nothing():
     _, seat = release_and_wait(1.0)
     seat.send_message("two", m.Stop())
@@ -163,6 +173,7 @@ def still_hand(seconds=3.0):
     return seat.last_driving(last_report), seat
 
 
+@pytest.mark.slow
 def test_a_page_whose_hand_reports_nothing_is_neutral_within_a_second():
     last, seat = still_hand()
     assert 0.8 < last <= 1.0
@@ -177,11 +188,13 @@ def test_a_page_whose_hand_reports_nothing_is_neutral_within_a_second():
     assert seat.driving(seat.now() - 0.1)
 
 
+@pytest.mark.slow
 def test_control_without_the_age_limit_a_still_hand_drives_on(monkeypatch):
     monkeypatch.setattr(InputAge, "is_over", lambda self, now: False)
     assert still_hand()[0] > 2.9
 
 
+@pytest.mark.slow
 def test_the_age_of_a_command_is_taken_off_its_validity():
     with AtTheDesk() as seat:
         seat.take_and_arm()
@@ -206,6 +219,7 @@ def test_a_command_that_ends_within_a_pwm_frame_has_run_out(old, mode):
         assert seat.car.mode == mode
 
 
+@pytest.mark.slow
 def test_a_stick_that_is_held_while_it_arms_moves_nothing():
     with AtTheDesk() as seat:
         seat.send_message("one", m.Take("right"))
@@ -218,6 +232,7 @@ def test_a_stick_that_is_held_while_it_arms_moves_nothing():
         assert seat.driving(0.0)
 
 
+@pytest.mark.slow
 def test_control_without_that_rule_it_drives_off(monkeypatch):
     monkeypatch.setattr(Operator, "require_release", lambda self: None)
     with AtTheDesk() as seat:
@@ -244,6 +259,7 @@ def stop_while_arming(delay, within=2.0):
     return [mode for t, mode in seat.modes if t > stopped[0] + 0.02], seat
 
 
+@pytest.mark.slow
 def test_stop_while_it_arms_ends_the_arming():
     modes, seat = stop_while_arming(0.4)
     assert "ARMED" not in modes
@@ -268,6 +284,7 @@ def test_stop_at_a_hundred_moments_of_arming_and_driving():
     assert max(lasts) <= REPORTED_END_S
 
 
+@pytest.mark.slow
 def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
     with AtTheDesk() as seat:
         seat.take_and_arm()
@@ -282,6 +299,7 @@ def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
         assert seat.driving(seat.now() - 0.1)
 
 
+@pytest.mark.slow_except("0.0")
 @pytest.mark.parametrize("seconds", [desk.STOP_DURATION_S, 0.0])
 def test_stop_at_a_page_keeps_the_car_disarmed_for_half_a_second(monkeypatch, seconds):
     """Control: a stop that the next batch releases."""
@@ -295,6 +313,7 @@ def test_stop_at_a_page_keeps_the_car_disarmed_for_half_a_second(monkeypatch, se
         assert "RUN_STOP" not in seat.car.refusals()
 
 
+@pytest.mark.slow_except("ended")
 @pytest.mark.parametrize("how", ["ended", "closed"])
 def test_run_ends_with_the_state_in_which_it_is_to_end(how):
     with AtTheDesk() as seat:
@@ -306,6 +325,7 @@ def test_run_ends_with_the_state_in_which_it_is_to_end(how):
         assert seat.now() == pytest.approx(end, abs=0.015)
 
 
+@pytest.mark.slow
 def test_who_drives_leaves_while_it_arms():
     with AtTheDesk() as seat:
         seat.send_message("one", m.Take("right"))
@@ -315,6 +335,7 @@ def test_who_drives_leaves_while_it_arms():
         assert "ARMED" not in [mode for _, mode in seat.modes]
 
 
+@pytest.mark.slow
 def test_the_driver_drives_on_under_any_message_of_another_page():
     junk = Junk(3)
     understood = []
@@ -350,6 +371,7 @@ def test_one_drives_and_the_others_are_refused():
         assert seat.send_message("two", m.Take("right")) == desk.TAKEN_MESSAGE
 
 
+@pytest.mark.slow
 def test_a_page_that_only_watches_can_stop_and_nothing_else():
     with AtTheDesk(drives=False) as seat:
         with pytest.raises(Refused, match="driven by a program"):

@@ -25,6 +25,7 @@ def room_for(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.slow
 def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
     with AtTheDesk(folder=tmp_path) as at:
         at.take_and_arm()
@@ -41,6 +42,7 @@ def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
         assert sum(state.speed > 0.1 for state in replay.states()) > 30
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with AtTheDesk(folder=tmp_path / "file") as at:
@@ -51,6 +53,7 @@ def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
         assert at.driving(at.now() - 0.1), "it drives on"
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_is_reported_and_the_car_drives_on(tmp_path):
     with AtTheDesk(folder=tmp_path) as at:
         at.take_and_arm()

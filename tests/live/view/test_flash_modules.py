@@ -77,6 +77,7 @@ def by_python(text):
         return None
 
 
+@pytest.mark.slow
 def test_hex_files_are_read_and_refused_as_python_does():
     files = hex_files()
     script = """finish(given.map((text) => {

@@ -29,6 +29,7 @@ def served_page():
         thread.join()
 
 
+@pytest.mark.slow
 def test_it_serves_its_files_and_no_other_on_this_computer_alone():
     with served_page() as url:
         for name, body in load_flash_assets(PREBUILT).items():

@@ -92,6 +92,7 @@ def test_colours_link_cars_and_cards_and_the_view_fits_all(show):
     assert pixels(one, rgb(swatches["a"])) > 5
 
 
+@pytest.mark.slow
 def test_the_page_is_told_which_frame_is_of_one_car_alone():
     pins = FleetPins("local://own")
     with Station("local://own", now=lambda: pins.fleet.cars[0].now) as station:

@@ -82,6 +82,7 @@ def test_control_cars_that_do_not_obey_are_detected(monkeypatch):
     assert "driving" in states.values()
 
 
+@pytest.mark.slow
 def test_a_car_that_falls_silent_is_lost_within_a_second():
     with WatchedRoom("local://lost") as watched:
         watched.drive(0.4, only=[])

@@ -48,6 +48,7 @@ def grows(browser, colour, least, within=8.0):
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
     """In the frame of its start and in that of the room; each is sent with its frame."""
     lines = lines_by_frame("sim://?lidar=1&map=room&seed=2")

@@ -61,6 +61,7 @@ def test_a_stop_at_a_page_is_reported_as_that():
         assert trip["remedy"] == "Arm when the way is free."
 
 
+@pytest.mark.slow_except("stopped")
 @pytest.mark.parametrize("stops", [True, False], ids=["stopped", "watcher gone"])
 def test_a_stop_of_the_room_is_reported_as_that(stops):
     with AtTheDesk() as desk, join(desk.car, f"local://words-{stops}", name="red",
@@ -80,6 +81,7 @@ def test_a_stop_of_the_room_is_reported_as_that(stops):
         leave()
 
 
+@pytest.mark.slow
 def test_a_program_that_stops_the_car_is_reported():
     with AtTheDesk() as desk:
         desk.take_and_arm()
