@@ -53,6 +53,16 @@ def true_parts(url):
     return car, (str(car.seed), f"{car.seed:x}", *([car.effect] if car.effect else []))
 
 
+def test_two_students_of_one_name_are_refused(verb, tmp_path):
+    names = tmp_path / "names.txt"
+    names.write_text("Ada\nAlan\nAda\n", encoding="utf-8")
+    answer = verb("class", "--names", names)
+    assert answer.code == 2
+    assert "students twice" in answer.err
+    assert "Ada" in answer.err
+    assert not Path("class").exists()
+
+
 def test_each_student_has_a_task_of_their_own(lecturer):
     pages = sorted(Path("class/students").iterdir())
     urls = {url_in(page) for page in pages}

@@ -13,6 +13,7 @@ from dart_hal.cli.main import main
 from dart_hal.recording.check import DONE, check, summary
 from dart_hal.recording.check.facts import marks, named_time
 from dart_hal.recording.check.findings import DROPPED_KINDS
+from dart_hal.recording.check.uses import _friction, _motor
 from dart_hal.recording.dart import read, read_all
 from dart_hal.recording.dart.reference import SEP_24
 from dart_lab.pages.data_show import wrap_name
@@ -66,6 +67,16 @@ def test_a_real_file_of_each_kind(excerpt, part, good, found):
     assert found <= set(kinds(c))
     if not good:
         assert c.verdict.startswith("good for nothing: the car never moves")
+
+
+@pytest.mark.parametrize(("seconds", "short"), [(2.9, True), (3.0, False)])
+def test_a_recording_that_no_fit_can_use_alone_states_what_is_missing(seconds, short):
+    step = 0.02
+    rows = np.ones(round(seconds / step), dtype=np.bool_)
+    throttle = np.ones(len(rows))
+    for use in (_friction(rows, "encoder", step), _motor(rows, throttle, "encoder", step)):
+        assert use.good
+        assert (f"straight for {seconds} s (a fit needs 3 s" in use.why) == short
 
 
 def test_rows_of_the_tyre_recording_add_up(excerpt):

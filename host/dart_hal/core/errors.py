@@ -319,7 +319,7 @@ class UsageError(DartHalError, ValueError):
     """An option or argument is invalid."""
 
     code = "D-USE-01"
-    remedy_default = "dart-hal --help"
+    remedy_default = "dart-hal VERB --help ; in Python: help(NAME)"
 
 
 class UnknownAttribute(DartHalError, AttributeError):

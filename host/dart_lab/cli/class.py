@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -68,6 +69,11 @@ def _read_names(students: int | None, names: Path | None) -> list[str]:
     if not 1 <= len(found) <= MAX_STUDENTS:
         raise UsageError(f"{names} names {len(found)} students", found=str(names),
                          expected=f"1 to {MAX_STUDENTS}, one a line")
+    twice = sorted(name for name, count in Counter(found).items() if count > 1)
+    if twice:
+        raise UsageError(f"{names} names students twice", found=", ".join(twice),
+                         expected="another name for each, because marks are listed by name",
+                         remedy="add a number or a first name")
     return found
 
 

@@ -24,6 +24,8 @@ MAX_STRAIGHT_STEERING = 0.2  # of full steering; more than that and cornering dr
 MIN_STEERED_SPEED = 0.8
 MIN_SLOW_STEERED_SPEED = 0.3
 MIN_COASTING_MESSAGES = 10
+# s of coasting, and of straight driving, that a fit needs in all its recordings together.
+MIN_STRAIGHT_S = 3.0
 MIN_DRIVEN_MESSAGES = 30
 MIN_TURNED_MESSAGES = 50
 MIN_CORNERED_SAMPLES = 300
@@ -108,7 +110,8 @@ def _at_messages(m: RecordedMotion, values: FloatArray) -> FloatArray:
 def _friction(rows: BoolArray, source: str, step: float) -> Use:
     n = int(rows.sum())
     good = n >= MIN_COASTING_MESSAGES
-    return Use(good, n, "messages", f"coasting straight, speed from the {source}" if good else
+    return Use(good, n, "messages", f"coasting straight{_shortfall(n, step)}, speed from the "
+               f"{source}" if good else
                f"coasts straight for {_seconds(n, step)} only (speed: {source})")
 
 
@@ -116,8 +119,9 @@ def _motor(rows: BoolArray, throttle: FloatArray, source: str, step: float) -> U
     n = int(rows.sum())
     levels = _levels(throttle[rows])
     good = n >= MIN_DRIVEN_MESSAGES
-    return Use(good, n, "messages", f"{levels} throttle level(s) driven straight, speed from the "
-               f"{source}" if good else f"drives straight for {_seconds(n, step)} only")
+    return Use(good, n, "messages", f"{levels} throttle level(s) driven straight"
+               f"{_shortfall(n, step)}, speed from the {source}" if good else
+               f"drives straight for {_seconds(n, step)} only")
 
 
 def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float, least: float
@@ -178,6 +182,12 @@ def _evaluation(m: RecordedMotion, f: RecordingFacts) -> Use:
         return Use(False, n, "windows", "the marker frame is not known")
     return Use(n > 0, n, "windows", "of 2 s" if n else
                f"no 2 s of clean driving above {START_SPEED * m.recording.scale.speed:.2g} m/s")
+
+
+def _shortfall(n: int, step: float) -> str:
+    """Return words for a recording that a fit cannot use alone, or ""."""
+    return ("" if n * step >= MIN_STRAIGHT_S else f" for {_seconds(n, step)} (a fit needs "
+            f"{MIN_STRAIGHT_S:.0f} s, of all its recordings together)")
 
 
 def _seconds(n: int, step: float) -> str:

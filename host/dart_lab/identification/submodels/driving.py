@@ -16,6 +16,7 @@ import numpy as np
 
 from dart_hal.calibration.sessions import sessions_of
 from dart_hal.core.types import FloatArray
+from dart_hal.recording.check.uses import MIN_STRAIGHT_S
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
 from dart_lab.identification.fit import FittedParameter
@@ -33,8 +34,7 @@ from dart_lab.identification.submodels.speeds import ENCODER_WINDOW, Speeds, rea
 from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, StraightFit, solve_straight
 from dart_lab.identification.submodels.stretches import cut_stretches
 
-# 3 s of straight driving.
-MIN_STRAIGHT_SAMPLES = 30
+MIN_STRAIGHT_SAMPLES = round(MIN_STRAIGHT_S / ENCODER_WINDOW)
 # Driven samples of a session with several sessions; smaller sessions are left out.
 MIN_SESSION_DRIVEN = 30
 # Driven samples that a fit of the motor needs.
