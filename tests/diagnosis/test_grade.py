@@ -43,7 +43,7 @@ def problem(rng, signal, others=(), pull=1.0):
     flat = z.reshape(-1, z.shape[2])
     noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
     return BootstrapProblem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
-                   np.array([pull] * len(others) + [0.0]), np.zeros(z.shape[2]))
+                   np.diag([pull] * len(others) + [0.0]), np.zeros(z.shape[2]))
 
 
 def test_what_is_there_is_certain_and_what_is_not_is_not():
@@ -118,11 +118,12 @@ def test_what_does_nothing_has_no_size_that_changes(secants_of_fits):
 @pytest.fixture
 def letters(monkeypatch):
     """Accept effects that are letters, by made probabilities of each set of them."""
-    monkeypatch.setattr(accept, "secants", lambda evidence, fit, kept: "".join(kept))
+    monkeypatch.setattr(accept, "secants", lambda evidence, fit, kept, stated: "".join(kept))
     monkeypatch.setattr(accept, "estimate_sizes_by_recording", lambda *given: ())
     monkeypatch.setattr(accept, "assess_constancy", lambda *given: None)
     search = SimpleNamespace(fit_subset=lambda at, noise, kept, near: "".join(kept),
-                             fit_nested=lambda base, at, noise, kept: (base, *kept))
+                             fit_nested=lambda base, at, noise, kept: (base, *kept),
+                             linearise_stated=lambda evidence, fit: None)
 
     def run(probabilities, names, impossible=lambda fit, name: "", ratios=lambda fit, name: 1.1,
             low=0.9):

@@ -7,13 +7,22 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
+from dart_hal.core.config import Quantity, save_model
 from dart_hal.core.config.model import Covariance
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.load import find_model
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.conclude import KEPT_PARAMETERS
 from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error, release_prior
 from dart_lab.diagnosis.parameters.sets import GroupFits
 from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.write import extended_model
+from dart_lab.identification.evidence.space import Space
+from tests.diagnosis.searched import drive
 
 TIMING_PARAMETERS = ("delay.steering_s", "delay.steering_lag_s")
 TIMING_STD = 0.03
@@ -23,14 +32,14 @@ def exceeds(changes, correlation=None, known=TIMING_PARAMETERS):
     """Judge changes in standard errors; correlation: stated in the file, None: not stated."""
     groups = object.__new__(GroupFits)
     cross = 0.0 if correlation is None else correlation * TIMING_STD**2
-    groups._joint = None if correlation is None else Covariance(
+    joint = None if correlation is None else Covariance(
         ("motor.d", *TIMING_PARAMETERS),
         ((4.0, 0.0, 0.0), (0.0, TIMING_STD**2, cross), (0.0, cross, TIMING_STD**2)))
     groups._names = {"steering timing": TIMING_PARAMETERS}
     groups.known = dict.fromkeys(known, TIMING_STD)
     groups.policy = USUAL
     groups.full = SimpleNamespace(x=np.array(changes),
-                                  space=SimpleNamespace(names=TIMING_PARAMETERS))
+                                  space=Space(PAPER, TIMING_PARAMETERS, joint=joint))
     return _exceeds_stated_error(groups, frozenset({"steering timing"}))
 
 
@@ -64,7 +73,7 @@ def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_i
     """One parameter is measured with an error of 0.8 of the one that the file states."""
     data_std = 0.8
     normal = np.array([[data_std**-2 + 1.0]])
-    space = SimpleNamespace(prior_weight=np.ones(1))
+    space = SimpleNamespace(prior_precision=np.eye(1))
     rng = np.random.default_rng(5)
     drawn = 0
     held = 0
@@ -78,3 +87,77 @@ def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_i
         held += abs(fitted - truth) <= 1.645 * np.hypot(variance**0.5, released - fitted)
     assert held / trials >= 0.88
     assert truth == 0.0 or drawn / trials > 0.5, "control: the sampling error alone misses it"
+
+
+MOTOR = ("motor.d", "motor.e", "motor.g")
+MOTOR_STDS = {"motor.d": 2.0, "motor.e": 0.5, "motor.g": 0.02}
+
+
+def motor_covariance(correlation):
+    """The covariance of d and g, and of e alone."""
+    std = np.array(list(MOTOR_STDS.values()))
+    matrix = np.diag(std**2)
+    matrix[0, 2] = matrix[2, 0] = correlation * std[0] * std[2]
+    return Covariance(MOTOR, tuple(map(tuple, matrix.tolist())))
+
+
+def test_prior_of_a_fit_has_the_correlations_of_the_file():
+    """Motor.g is negative: its coordinate rises while it falls."""
+    space = Space(PAPER, MOTOR, MOTOR_STDS, joint=motor_covariance(0.8))
+    x = np.array([1.0, 0.0, 1.0])
+    moved = np.concatenate([x, np.zeros(len(space) - 3)])
+    loss = moved @ space.prior_precision @ moved
+    assert loss == pytest.approx(x @ np.linalg.solve([[1, 0, -0.8], [0, 1, 0], [-0.8, 0, 1]], x),
+                                 rel=0.02)
+    rows = space.prior_root @ moved
+    assert rows @ rows == pytest.approx(loss)
+    alone = Space(PAPER, MOTOR[:1], MOTOR_STDS, joint=motor_covariance(0.8))
+    assert alone.prior_precision[0, 0] == pytest.approx(1 / (1 - 0.8**2), rel=0.01)
+    for independent in (Space(PAPER, MOTOR, MOTOR_STDS),
+                        Space(PAPER, MOTOR, joint=motor_covariance(0.8))):
+        assert independent.prior_precision[:3, :3].tolist() == np.eye(3).tolist()
+
+
+@pytest.mark.slow
+def test_what_the_stated_errors_explain_is_no_cause_without_a_refit():
+    """A motor of 5 % less force; the control: the file states that it is exact."""
+    sides = [[drive(("motor_gain", -0.05), seconds=40.0, seed=s)] for s in (5, 6)]
+    file, p = find_model("paper")
+
+    def find(std):
+        stated = msgspec.structs.replace(file, motor={
+            key: Quantity(number, std * abs(number))
+            for key, number in file.values("motor").items()})
+        return diagnose(stated, p, *sides, refit=False, only=("motor_gain", "gyro_scale"))
+
+    exact = find(1e-4)
+    assert [c.effect for c in exact.causes] == ["motor_gain"]
+    assert KEPT_PARAMETERS not in exact.notes
+    loose = find(0.1)
+    assert loose.causes == ()
+    assert "motor_gain" in [one.effect for one in loose.considered]
+    assert KEPT_PARAMETERS in loose.notes
+    assert loose.verdict == "unexplained"
+
+
+@pytest.mark.slow
+def test_a_diagnosed_model_keeps_what_its_data_determine_together(tmp_path):
+    """With single errors the parameters of the motor absorb a motor that lost a tenth."""
+    file, p = find_model("paper")
+    before = [drive(seconds=60.0, seed=3)]
+    healthy = diagnose(file, p, before, [drive(seconds=60.0, seed=4)], max_causes=0)
+    path = save_model(extended_model(healthy, file, before), tmp_path / "healthy.toml")
+    fitted, vehicle = find_model(path)
+    joint = fitted.covariance["joint"]
+    assert joint.names == tuple(healthy.refitted)
+    assert np.sqrt(np.diag(joint.matrix)) == pytest.approx(
+        [change.std for change in healthy.refitted.values()], rel=1e-5)
+
+    weaker = [[drive(("motor_gain", -0.1), seconds=60.0, seed=s)] for s in (5, 6)]
+    only = ("motor_gain", "rolling_resistance")
+    found = diagnose(fitted, vehicle, *weaker, only=only)
+    (cause,) = found.causes
+    gain = cause.parameters["k"]
+    assert abs(gain.value + 0.1) < 2.0 * gain.std < 0.03
+    single = msgspec.structs.replace(fitted, covariance={})
+    assert diagnose(single, vehicle, *weaker, only=only).causes == (), "control"

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.process.jobs import each
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
@@ -28,7 +29,7 @@ from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
 from .gains import Fitted, measure_gain, measure_overall_gain
-from .gates import WITHDRAWN
+from .gates import IMPROBABLE, WITHDRAWN
 from .grade.accept import Acceptance, AcceptedEffects, accept_effects, impossible_size
 from .grade.secants import secants
 from .late_commands import find_late_commands
@@ -68,6 +69,9 @@ Predictor = Callable[[FittedModel], tuple[Vehicle, Vehicle]]
 # Errors that no accepted cause explains.
 Finding = Unexplained | Outliers | Excess | LateCommands
 FIT_ON_BOUND = 1e-6  # prior standard deviations; a parameter that is nearer to a bound is on it
+
+KEPT_PARAMETERS = ("the parameters of the model keep their values, and what their standard errors "
+                   "explain is no cause: if one may have changed, leave out --no-refit")
 
 
 def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
@@ -155,8 +159,10 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     fitted = _predict_with(q, losses, final, predictor(final))
     gain = measure_overall_gain(given, fitted, q.train, q.test, q.settings.seed)
     servo_caution = (TYRE_CAUTION,) if complete[-1] is not last else ()
-    notes = (*servo_caution, *list_cautions(last, (q.train, q.test), changes, gain, causes, policy),
-             *describe_frame(final.vehicle, q.frame))
+    kept = (KEPT_PARAMETERS,) if q.settings.stated and any(
+        one.why == IMPROBABLE for one in accepted.rejected.values()) else ()
+    cautions = list_cautions(last, (q.train, q.test), changes, gain, causes, policy)
+    notes = (*servo_caution, *kept, *cautions, *describe_frame(final.vehicle, q.frame))
     # 5.
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, policy.noise)
     floor = estimate_noise_floor(q.test, final.vehicle, losses.timing(final), predictor(final)[1])
@@ -175,6 +181,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                   **describe_servo(final, last)},
         predictor=(find_predictor(fits, q.train, q.test, complete[0], last) if q.predictor
                    else None),
+        correlation=_find_correlation(final, changes),
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
@@ -304,7 +311,7 @@ def _find_claims(q: DiagnosisSetup, last: Point, final: FinalFit, losses: Record
         losses = RecordingLosses(q.test.evidence, last, settings.policy)
     linear = secants(q.train.evidence, last, ())
     groups = GroupFits(q.train.evidence, q.base, last, linear.unit, settings.known,
-                       settings.policy, settings.joint)
+                       settings.policy)
     return find_claims(ClaimInputs(groups, losses, linear, final, vehicle_for_log(q, final),
                                    settings.seed))
 
@@ -331,6 +338,16 @@ def _list_parameter_changes(q: DiagnosisSetup, final: FinalFit) -> dict[str, Par
         out[name] = ParameterChange(float(value(q.base, name)), float(value(logged, name)),
                                     final.stds[name], unit(q.base, name), doubt)
     return out
+
+
+def _find_correlation(final: FinalFit, changes: Mapping[str, ParameterChange]
+                      ) -> tuple[tuple[str, ...], FloatArray] | None:
+    """Return the names of the refitted parameters that have an error, and their correlations."""
+    space = final.point.space
+    variance = dict(zip(space.names, np.diag(final.covariance), strict=False))
+    names = tuple(name for name in changes if variance.get(name, 0.0) > 0.0
+                  and np.isfinite(changes[name].std))
+    return (names, space.correlation(names, final.covariance)) if names else None
 
 
 def _list_possible(found: SearchResult, accepted: AcceptedEffects, q: DiagnosisSetup

@@ -249,7 +249,7 @@ def _add_sensor_effects(judged: CrossValidatedFit, searched: FinalFit) -> FinalF
     k = len(deviation)
     bread = np.linalg.inv(fit.normal)
     covariance = ((k - 1) / k * deviation.T @ deviation
-                  + bread @ np.diag(fit.space.prior_weight) @ bread)
+                  + bread @ fit.space.prior_precision @ bread)
     motion = {a.name: a for a in fit.vehicle.effects}
     effects = tuple(motion.get(a.name, a) for a in searched.vehicle.effects)
     timing = replace(fit.timing, message_age=searched.timing.message_age,

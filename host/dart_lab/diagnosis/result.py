@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
@@ -300,6 +301,7 @@ class Diagnosis:
     missing; ranking: drop of the loss for every effect alone, before any was accepted.
     mounting: of the IMU, by effect and parameter, see ``fit_mounting``. predictor: None if
     not requested. paths: see ``find_paths``. late_commands: see ``find_late_commands``.
+    correlation: of the refitted parameters among each other, (names, matrix), None without a refit.
     noise_floor: RMS error of a faultless model 1 s ahead on the test recordings, by channel; empty
     if unknown.
     """
@@ -331,6 +333,7 @@ class Diagnosis:
     paths: tuple[PathWindow, ...] = ()
     noise_floor: Mapping[str, float] = field(default_factory=dict)
     late_commands: LateCommands | None = None
+    correlation: tuple[tuple[str, ...], FloatArray] | None = None
 
     @property
     def excesses(self) -> tuple[Excess, ...]:

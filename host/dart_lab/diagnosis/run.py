@@ -71,7 +71,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     ``inputs.check_inputs`` gives them: all with motion capture, or all without.
     refit: estimate the parameters of the model before the search for effects, from their values in
     the file and within 3.5 of the standard errors there, and the sizes of the car that have a
-    standard error in car.toml. only: effects that may be accepted; () = all.
+    standard error in car.toml. Without it they keep their values, and an effect is accepted only
+    beyond what their standard errors explain. only: effects that may be accepted; () = all.
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
@@ -89,7 +90,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          remedy="leave out --no-refit, or leave out --out-predictor")
     policy = policy.at_scale(find_scale(vehicle.body))
     l_r = apply_parameter_effects(vehicle).body.l_r
-    known = standard_errors(model) if refit else {}
+    stated = standard_errors(model)
+    known = stated if refit else {}
     sizes, only = select_free_sizes(list_stated_errors(model) if refit else {}, only)
     files: dict[str, dict[str, Any]] = {}
     sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)
@@ -105,7 +107,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     settings = Settings(free=free, known=known, unbounded=tuple(sizes), names=tuple(only),
                         false_alarm=false_alarm, max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit,
-                        joint=model.covariance.get("joint") if refit else None)
+                        stated={} if refit else _select_stated(vehicle, stated),
+                        joint=model.covariance.get("joint"))
 
     pace = ProgressEstimator(progress)
     for part in sets:
@@ -172,6 +175,12 @@ def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mo
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
                  if not (has_mocap and known) or name in known or value(vehicle, name) != 0.0)
+
+
+def _select_stated(vehicle: Vehicle, stated: Mapping[str, float]) -> dict[str, float]:
+    """Select the parameters with a standard error that a fit of all of them could move."""
+    free = _select_free_parameters(vehicle, stated, has_mocap=True)
+    return {name: std for name, std in stated.items() if name in free}
 
 
 def _make_recording_set(role: str, recordings: Sequence[Recording], l_r: float,

@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from dart_hal import __version__
 from dart_hal.core.config import EffectEntry, ModelFile, Quantity, plain, save_model
-from dart_hal.core.config.model import Parameter
+from dart_hal.core.config.model import Covariance, Parameter
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.battery import FADE, find_mean_voltage
+from dart_lab.identification.write import round_covariance
 
 from .frames import FRAME_EFFECTS
 from .result import Diagnosis
@@ -41,8 +43,8 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
                    command: str = "") -> ModelFile:
     """Return the file of ``d.extended``, with the mounting of the IMU.
 
-    Parameters that were not fitted keep the standard errors of the base. Covariances of fitted
-    parameters are omitted, because they were valid around the old values.
+    Parameters that were not fitted keep the standard errors of the base. The covariance of the
+    fitted ones replaces those in the base, which were valid around the old values.
     """
     fitted = bool(d.causes or d.refitted)
     stds = {name: m.std for name, m in d.refitted.items()}
@@ -51,8 +53,14 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     provenance = {"method": "diagnosis", "verdict": d.verdict,
                   "causes": [c.effect for c in d.causes],
                   **({"caution": TYRE_CAUTION} if TYRE_CAUTION in d.notes else {})}
-    return _model(d, d.extended, base, train, "extended" if fitted else "", stds,
-                  _provenance(d, base, train if fitted else (), command, provenance))
+    model = _model(d, d.extended, base, train, "extended" if fitted else "", stds,
+                   _provenance(d, base, train if fitted else (), command, provenance))
+    if d.correlation is None:
+        return model
+    names, correlation = d.correlation
+    std = np.array([stds[name] for name in names])
+    joint = Covariance(names, round_covariance(correlation * np.outer(std, std)))
+    return msgspec.structs.replace(model, covariance={**model.covariance, "joint": joint})
 
 
 def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],

@@ -1,17 +1,18 @@
 """The objective of every fit, its minimisation, and the linear model around a minimum.
 
-Objective over whitened residuals r (N,) with weights w (N,) and coordinates x (k,). p (k,), the
-weights of the prior (``Space.prior_weight``), are 1 for parameters, in prior standard deviations;
-for the timing they follow from its units, and are 0 where bounds alone limit it:
+Objective over whitened residuals r (N,) with weights w (N,) and coordinates x (k,). R (k, k), the
+precision of the prior (``Space.prior_precision``), is 1 for a parameter, in prior standard
+deviations, and the inverse of the correlations where the file of the model states them; for the
+timing it follows from its units, and is 0 where bounds alone limit it:
 
-    J(x) = sum_i w_i rho(r_i(x)) + sum_k p_k x_k^2         low <= x <= high
+    J(x) = sum_i w_i rho(r_i(x)) + x^T R x                 low <= x <= high
 
 Around a point, with Jacobian A (N, k) and Omega = diag(w_i / sqrt(1 + (r_i / c)^2)):
 
-    H = A^T Omega A + diag(p)                              normal matrix, "normal"
-    d = -H^-1 (A^T Omega r + diag(p) x)                    step, within the bounds
+    H = A^T Omega A + R                                    normal matrix, "normal"
+    d = -H^-1 (A^T Omega r + R x)                          step, within the bounds
     P v = v - A H^-1 A^T Omega v                           projection: v orthogonal to A
-    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = gradient of block b in
+    C = H^-1 (sum_b g_b g_b^T + R) H^-1                    covariance, g_b = gradient of block b in
                                                            a fit without it; at least H^-1
 """
 
@@ -97,7 +98,8 @@ class Point:
     def normal(self) -> FloatArray:
         """Normal matrix (k, k) of the equivalent least-squares problem, with the prior."""
         weighted = self.jacobian * self.irls_weight[:, None]
-        return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.prior_weight + 1e-6))
+        return np.asarray(weighted.T @ self.jacobian + self.space.prior_precision
+                          + 1e-6 * np.eye(len(self.x)))
 
     def loss(self) -> float:
         """Robust loss of the data, with the prior."""
@@ -116,9 +118,10 @@ class Point:
 
     def bounded_step(self, normal: FloatArray, gradient: FloatArray) -> FloatArray:
         """Solve the normal equations of all rows for a step (k,), with priors and bounds."""
-        return solve_box_quadratic(normal + np.diag(self.space.prior_weight + 1e-9),
-                       gradient + self.space.prior_weight * self.x, self.space.low - self.x,
-                       self.space.high - self.x)
+        return solve_box_quadratic(
+            normal + self.space.prior_precision + 1e-9 * np.eye(len(self.x)),
+            gradient + self.space.prior_precision @ self.x, self.space.low - self.x,
+            self.space.high - self.x)
 
     def best_step(self, residual: FloatArray, rows: RowSelection = ALL_ROWS) -> FloatArray:
         """Compute the step (k,) that minimises the loss of other residuals (N,) to first order."""
@@ -132,7 +135,7 @@ class Point:
     def prior_loss(self, move: FloatArray) -> float:
         """Loss of the prior after a step (k,)."""
         x = self.x + move
-        return float((self.space.prior_weight * x) @ x)
+        return float(x @ self.space.prior_precision @ x)
 
     def block_gradients(self, block: IntArray) -> FloatArray:
         """Half gradient of the loss of each block, (blocks, k); block (N,): label of each row."""
@@ -156,6 +159,17 @@ class Point:
         normal = self.normal[np.ix_(free, free)]
         to_parameters = np.linalg.solve(normal, (jacobian * self.irls_weight[:, None]).T)
         return lambda direction: np.asarray(direction - jacobian @ (to_parameters @ direction))
+
+
+@dataclass(frozen=True, slots=True)
+class StatedParameters:
+    """Parameters that keep the values of the file, which are not exact.
+
+    jacobian (N, q): of the residuals, per standard error; precision (q, q): of their errors.
+    """
+
+    jacobian: FloatArray
+    precision: FloatArray
 
 
 def evaluate_point(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
@@ -228,14 +242,14 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, max_
     """
     weight = _residual(evidence, noise, space, x)[1]
     root = np.sqrt(weight)
-    pull = np.sqrt(space.prior_weight)
+    pull = space.prior_root
 
     # The prior is appended as k rows to the N weighted residuals.
     def residual(z: FloatArray) -> FloatArray:
-        return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
+        return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull @ z])
 
     def weight_rows(matrix: FloatArray) -> FloatArray:
-        return np.concatenate([root[:, None] * matrix, np.diag(pull)])
+        return np.concatenate([root[:, None] * matrix, pull])
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
         return weight_rows(_jacobian(evidence, noise, space, z, r[:len(root)] / root, jobs))
@@ -263,7 +277,7 @@ def covariance(point: Point, block: IntArray) -> FloatArray:
     data = Solution(point.x, point.residual, point.jacobian, point.irls_weight, True,
                     np.zeros(len(point.x), dtype=np.bool_))
     scores = leverage_scores(data, block, bread)
-    meat = scores + np.diag(point.space.prior_weight)
+    meat = scores + point.space.prior_precision
     return enclosing_covariance(bread, bread @ meat @ bread)
 
 
@@ -277,7 +291,7 @@ def _residual(evidence: Evidence, noise: Noise, space: Space,
 def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
     """Robust loss of the data at x, with the prior."""
     r, weight = _residual(evidence, noise, space, x)
-    return float(weight @ noise.loss(r)) + float((space.prior_weight * x) @ x)
+    return float(weight @ noise.loss(r)) + float(x @ space.prior_precision @ x)
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,

@@ -21,7 +21,7 @@ def fit_blocks(rng, blocks, rows, parameters):
     normal = jacobian.T @ jacobian + 1e-6 * np.eye(parameters)
     point = SimpleNamespace(x=x, residual=residual, jacobian=jacobian, normal=normal,
                             irls_weight=np.ones(len(residual)),
-                            space=SimpleNamespace(prior_weight=np.zeros(parameters)))
+                            space=SimpleNamespace(prior_precision=0.0))
     scores = np.zeros((blocks, parameters))
     np.add.at(scores, block, jacobian * residual[:, None])
     bread = np.linalg.inv(normal)

@@ -52,8 +52,8 @@ MODEL_KEYS: dict[str, tuple[str, str]] = {
     "speed_loop": ("table of numbers", "numbers of a speed loop of your own; kept and not used"),
     "effects": ("list of tables", "what the car has beyond the base model: `name` of an effect and "
                 "its `parameters`"),
-    "covariance": ("table", "covariance of parameters of a joint fit: `names` (n) of the form "
-                   "`section.key`, `matrix` (n, n) in their units"),
+    "covariance": ("table", "covariance of parameters that were fitted together: `names` (n) of "
+                   "the form `section.key`, `matrix` (n, n) in their units"),
     "provenance": ("table", "who wrote the file: command, version, base, SHA-256 of the "
                    "recordings, source of the sizes"),
 }
@@ -67,7 +67,7 @@ class EffectEntry(FileTable, frozen=True):
 
 
 class Covariance(FileTable, frozen=True):
-    """Covariance (n, n) of parameters of a joint fit; names "section.key"."""
+    """Covariance (n, n) of parameters that were fitted together; names "section.key"."""
 
     names: tuple[str, ...]
     matrix: tuple[tuple[float, ...], ...]

@@ -133,7 +133,9 @@ class _FitCache:
 
     def grade(self, names: Sequence[str], fit: Point) -> _GradedFit:
         """Compute the probability of each effect of a fit."""
-        linear = secants(self.context.evidence, fit, names)
+        evidence = self.context.evidence
+        linear = secants(evidence, fit, names,
+                         self.context.search.linearise_stated(evidence, fit))
         return _GradedFit(tuple(names), fit, linear,
                           grade_effects(linear, names, self.context.seed)
                           if names else {})

@@ -4,18 +4,19 @@ Around the last fit everything is linear. Units (recordings, or stretches of one
 replacement, with counts c_u. The units that were not drawn judge a fit to those that were:
 
     L_u(x) = L_u + 2 h_u^T x + x^T H_u x,   h_u = Z_u^T Omega r_u,  H_u = Z_u^T Omega Z_u
-    x_with    = argmin sum_u c_u L_u(x) + sum_k p_k (x0_k + x_k)^2
+    x_with    = argmin sum_u c_u L_u(x) + (x0 + x)^T R (x0 + x)
     x_without = the same with the step along the secant d_a fixed at -1
     P(a) = share of draws with sum_(c_u = 0) (L_u(x_without) - L_u(x_with)) > 0
 
-x: change of the coordinates from the last fit x0, with the weights p of their prior; its last
+x: change of the coordinates from the last fit x0, with the precision R of their prior; its last
 element is the step along d_a. r_u, Z_u, Omega_u: residuals of a unit, their derivatives by x, and
 weights.
 
 The equation of a cause in the car may differ a little from that of the catalogue. Each effect f
 with a larger gain than a therefore has additional columns, with a prior of one standard deviation
 each: phi_j d_f, its size changed by functions of the state, and the other ways to write a force
-(``family``). What these explain is no second cause.
+(``family``). What these explain is no second cause. Nor is what the parameters explain that keep
+the values of the file, within the errors stated there.
 """
 
 from __future__ import annotations
@@ -40,12 +41,12 @@ ABSENT_STEP = -1.0  # step along a secant at which its effect is removed
 class BootstrapProblem:
     """A linear fit whose last coordinate is the step along the secant.
 
-    normal (u, k, k) and slope (u, k): H and h by unit; prior_weight (k,); start (k,): x0.
+    normal (u, k, k) and slope (u, k): H and h by unit; prior (k, k): R; start (k,): x0.
     """
 
     normal: FloatArray
     slope: FloatArray
-    prior_weight: FloatArray
+    prior: FloatArray
     start: FloatArray
 
 
@@ -73,8 +74,9 @@ def probability(problem: BootstrapProblem, absent: float, draws: int, seed: int)
     counts = counts[keep]
     held_out = held_out[keep]
     # 2. Sums over the drawn units, and the prior: (A b; b^T c) and (s, t).
-    normal = np.tensordot(counts, problem.normal, 1) + np.diag(problem.prior_weight + 1e-9)
-    slope = counts @ problem.slope + problem.prior_weight * problem.start
+    normal = (np.tensordot(counts, problem.normal, 1) + problem.prior
+              + 1e-9 * np.eye(len(problem.start)))
+    slope = counts @ problem.slope + problem.prior @ problem.start
     b = normal[:, :-1, -1]
     c = normal[:, -1, -1]
     # 3. Eliminate all coordinates but z, for all draws at once; the best z is a quotient of
@@ -126,28 +128,31 @@ def estimate_sizes_by_recording(linear: Secants, name: str) -> tuple[tuple[float
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """H (u, k, k), h (u, k) and prior weights (k,) of the columns of all problems.
+    """H (u, k, k), h (u, k) and prior precision (k, k) of the columns of all problems.
 
-    family, secant: by effect, the indices of its columns.
+    family, secant: by effect, the indices of its columns. stated: those of ``Secants.stated``.
     """
 
     normal: FloatArray
     slope: FloatArray
-    prior_weight: FloatArray
+    prior: FloatArray
     family: Mapping[str, IntArray]
     secant: Mapping[str, int]
+    stated: IntArray
 
 
 def _stack_columns(linear: Secants, names: Sequence[str]) -> _Columns:
-    """Stack the free parameters, the additional columns of all effects but the last, and secants.
+    """Stack free parameters, those of the file, columns of all effects but the last, and secants.
 
     No effect has a smaller gain than the last one, so its additional columns are not needed.
     """
     point = linear.point
     states = STATE_WIDTH * (state_modulations(linear, TAIL) if names[1:] else np.zeros((1, 0)))
-    parts = [point.jacobian]
+    parts = [point.jacobian, linear.stated.jacobian]
     family = dict[str, IntArray]()
-    k = len(point.x)
+    n = len(point.x)
+    k = n + len(linear.stated.precision)
+    stated = np.arange(n, k)
     for name in names[:-1]:
         parts += [linear.variants[name], linear.secant[name][:, None] * states]
         family[name] = np.arange(k, k + parts[-2].shape[1] + parts[-1].shape[1])
@@ -158,11 +163,12 @@ def _stack_columns(linear: Secants, names: Sequence[str]) -> _Columns:
     residual = root * point.residual
     unit = linear.unit
     by_unit = [columns[rows] for rows in (unit == u for u in range(int(unit.max()) + 1))]
-    prior_weight = np.concatenate([point.space.prior_weight, np.ones(k - len(point.x)),
-                                   np.zeros(len(names))])
+    prior = np.diag(np.concatenate([np.ones(k), np.zeros(len(names))]))
+    prior[:n, :n] = point.space.prior_precision
+    prior[np.ix_(stated, stated)] = linear.stated.precision
     return _Columns(np.stack([x.T @ x for x in by_unit]),
                     np.stack([x.T @ residual[unit == u] for u, x in enumerate(by_unit)]),
-                    prior_weight, family, {name: k + i for i, name in enumerate(names)})
+                    prior, family, {name: k + i for i, name in enumerate(names)}, stated)
 
 
 def _select_columns(linear: Secants, columns: _Columns, name: str, larger: Sequence[str]
@@ -170,8 +176,9 @@ def _select_columns(linear: Secants, columns: _Columns, name: str, larger: Seque
     """Select the problem of one effect; larger: effects with a larger gain."""
     x = linear.point.x
     free = np.setdiff1d(np.arange(len(x)), linear.coordinates[name])
-    index = np.concatenate([free, *(columns.family[f] for f in larger), [columns.secant[name]]])
+    index = np.concatenate([free, columns.stated, *(columns.family[f] for f in larger),
+                            [columns.secant[name]]])
     start = np.zeros(len(index))
     start[:len(free)] = x[free]
     return BootstrapProblem(columns.normal[:, index[:, None], index], columns.slope[:, index],
-                            columns.prior_weight[index], start)
+                            columns.prior[np.ix_(index, index)], start)

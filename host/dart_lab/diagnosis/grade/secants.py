@@ -17,7 +17,7 @@ from dart_hal.vehicle.effects import remove_effects
 from dart_lab.identification.evidence.policy import BLOCK_S, MANY_RECORDINGS
 from dart_lab.identification.evidence.residuals import Evidence
 from dart_lab.identification.evidence.rows import RowLabels, repeat_labels
-from dart_lab.identification.objective import Point
+from dart_lab.identification.objective import Point, StatedParameters
 
 from ..policy import TAIL
 from ..search.selection import label_point_rows
@@ -42,7 +42,7 @@ class Secants:
 
     variants (N, d): changes by other ways to write its force. coordinates: indices of its
     parameters in the point. unit (N,): rows that are drawn together for a grade. features: driving
-    state (N,) by name.
+    state (N,) by name. stated: parameters of the model that were not fitted.
     """
 
     point: Point
@@ -53,9 +53,11 @@ class Secants:
     rows: RowLabels
     unit: IntArray
     features: Mapping[str, FloatArray]
+    stated: StatedParameters
 
 
-def secants(evidence: Evidence, point: Point, effects: Sequence[str]) -> Secants:
+def secants(evidence: Evidence, point: Point, effects: Sequence[str],
+            stated: StatedParameters | None = None) -> Secants:
     """Linearise a fit in its effects, given with the largest gain first."""
     p = point.vehicle
     timing = point.timing
@@ -70,7 +72,9 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str]) -> Secants
     # the last effect needs no variants, see ``bag``
     variants = {name: force_variants(evidence, point, name) for name in effects[:-1]}
     return Secants(point, secant, tangent, variants, own, rows,
-                   bootstrap_units(evidence, rows, point), features(evidence, point))
+                   bootstrap_units(evidence, rows, point), features(evidence, point),
+                   stated or StatedParameters(np.zeros((len(point.residual), 0)),
+                                              np.zeros((0, 0))))
 
 
 def find_coordinates(point: Point, beginnings: tuple[str, ...]) -> list[int]:

@@ -23,8 +23,6 @@ from .groups import GROUPS, MERGED, Quantities, list_quantities
 from .sets import GroupFits, GroupSet, Posterior, posterior
 from .unseen import RecordingLosses
 
-# Added to the diagonal of correlations: a file states them with a few digits.
-CORRELATION_ERROR = 1e-3
 MIN_PAIR_DIFFERENCE = 0.05  # probability of a pair, minus that of each part: one finding for both
 MIN_CONFOUNDER_PROBABILITY = 0.1  # of another group without the one that is found
 PARAMETER_DRAWS = 200  # of the fitted parameters, for the standard error of a quantity
@@ -118,8 +116,7 @@ def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
     if any(abs(point.x[point.space.names.index(n)]) > stated for n in mine):
         return True
     x = np.array([point.x[point.space.names.index(n)] for n in known])
-    correlation = groups.stated_correlation(known) + CORRELATION_ERROR * np.eye(len(known))
-    distance = float(x @ np.linalg.solve(correlation, x))
+    distance = float(x @ np.linalg.solve(point.space.stated_correlation(known), x))
     return bool(distance > chdtri(len(known), 2.0 * ndtr(-stated)))
 
 
@@ -180,18 +177,20 @@ def release_prior(point: Point, covariance: FloatArray, mine: Sequence[int], wid
                   ) -> tuple[FloatArray, FloatArray]:
     """Return minimum (k,) and covariance (k, k) with a prior ``width`` times as wide.
 
-    With the normal matrix N of the minimum x, the prior weights R that are removed, the data's part
-    B of the scores, the other prior weights P, and C = N^-1 (B + P + R) N^-1:
+    With the normal matrix N of the minimum x, the precision R of the prior that is removed, the
+    data's part B of the scores, the remaining precision P, and C = N^-1 (B + P + R) N^-1:
 
-        M  = N - R                                                 R = 0 but for coordinates `mine`
+        M  = N - R
         x' = M^-1 N x                      the gradient of what remains is -R x
         C' = M^-1 (N C N - R) M^-1 = M^-1 (B + P) M^-1
     """
-    removed = np.zeros(len(point.x))
-    removed[list(mine)] = (1.0 - 1.0 / width**2) * point.space.prior_weight[list(mine)]
+    narrower = np.ones(len(point.x))
+    narrower[list(mine)] = 1.0 / width
+    prior = point.space.prior_precision
+    removed = prior - prior * np.outer(narrower, narrower)
     normal = point.normal
-    inverse = np.linalg.inv(normal - np.diag(removed))
-    scores = normal @ covariance @ normal - np.diag(removed)
+    inverse = np.linalg.inv(normal - removed)
+    scores = normal @ covariance @ normal - removed
     return inverse @ normal @ point.x, inverse @ scores @ inverse
 
 

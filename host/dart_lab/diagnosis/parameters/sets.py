@@ -20,7 +20,6 @@ from itertools import combinations
 
 import numpy as np
 
-from dart_hal.core.config.model import Covariance
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import add_null_effects
 from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
@@ -58,48 +57,27 @@ class GroupFits:
     """
 
     def __init__(self, evidence: Evidence, base: Vehicle, full: Point, unit: IntArray,
-                 known: Mapping[str, float], policy: Policy, joint: Covariance | None = None
-                 ) -> None:
-        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together.
-
-        joint: covariance of parameters that the file of the model states.
-        """
+                 known: Mapping[str, float], policy: Policy) -> None:
+        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together."""
         self.evidence = evidence
         self.base = base
         self.full = full
         self.unit = unit
         self.known = known
         self.policy = policy
-        self._joint = joint
         effects = {a.name for a in full.vehicle.effects} - {a.name for a in base.effects}
         self.free = tuple(n for n in full.space.names if n.partition(".")[0] not in effects)
         self._names = {g: group.select(self.free) for g, group in GROUPS.items()}
         self.all_groups = frozenset(g for g, names in self._names.items() if names)
         self.phi = dispersion(full, unit)
         # Information of the data is divided by their overdispersion phi; that of the prior is not.
-        prior = np.diag(full.space.prior_weight + 1e-6)
+        prior = full.space.prior_precision + 1e-6 * np.eye(len(full.x))
         self.normal = (full.normal - prior) / self.phi + prior
         self._fits: dict[GroupSet, Point] = {}
 
     def names(self, group: str) -> tuple[str, ...]:
         """Return the free parameters of a group."""
         return self._names[group]
-
-    def stated_correlation(self, names: Sequence[str]) -> FloatArray:
-        """Return the correlations (k, k) of parameters by the file of the model, 0 if unstated."""
-        out = np.eye(len(names))
-        if self._joint is None:
-            return out
-        place = {name: i for i, name in enumerate(self._joint.names)}
-        shared = [i for i, name in enumerate(names) if name in place]
-        rows = [place[names[i]] for i in shared]
-        covariance = np.array(self._joint.matrix)[np.ix_(rows, rows)]
-        std = np.sqrt(np.diag(covariance))
-        known = std > 0.0
-        there = np.array(shared, dtype=np.int64)[known]
-        out[np.ix_(there, there)] = (covariance[np.ix_(known, known)]
-                                     / np.outer(std[known], std[known]))
-        return out
 
     def coordinates(self, group: str) -> list[int]:
         """Return the indices of a group in the last fit."""
@@ -113,7 +91,7 @@ class GroupFits:
                           if any(n in self.names(g) for g in free) or not _has_group(n))
             vehicle = add_null_effects(self.base, p.effects)
             space = Space(vehicle, names, self.known, self.evidence.message_age, self.policy.prior,
-                          self.full.space.loose)
+                          self.full.space.loose, joint=self.full.space.joint)
             x = space.transfer(space.start(p, self.full.timing), self.full.space,
                                self._constrain(free))
             self._fits[free] = refit_reusing_jacobian(self.evidence, self.full.noise, space, x,

@@ -20,7 +20,9 @@ from dart_lab.identification.evidence.residuals import Evidence, affects_reading
 from dart_lab.identification.evidence.space import MessageTiming, Space
 from dart_lab.identification.objective import (
     Point,
+    StatedParameters,
     change_noise,
+    evaluate_point,
     loss_at,
     refit,
     refit_extended,
@@ -359,7 +361,19 @@ class ForwardSearch:
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
         return Space(add_null_effects(self.base, vehicle.effects), s.free, s.known,
-                     self._evidence.message_age, s.policy.prior, self._freed, fixed)
+                     self._evidence.message_age, s.policy.prior, self._freed, fixed, s.joint)
+
+    def linearise_stated(self, evidence: Evidence, point: Point) -> StatedParameters:
+        """Linearise a fit in the parameters that keep the values of the file."""
+        s = self._settings
+        names = tuple(s.stated)
+        space = Space(point.vehicle, names, s.stated, evidence.message_age, s.policy.prior,
+                      fixed_effects=effect_names(point.vehicle), joint=s.joint)
+        n = len(names)
+        if not n:
+            return StatedParameters(np.zeros((len(point.residual), 0)), np.zeros((0, 0)))
+        moved = evaluate_point(evidence, point.noise, space, space.point(point.timing))
+        return StatedParameters(moved.jacobian[:, :n], space.prior_precision[:n, :n])
 
     def _prune(self, point: Point, noise: Noise, previous: list[AcceptedEffect], new: AcceptedEffect
                 ) -> tuple[Point, Noise, list[AcceptedEffect]]:

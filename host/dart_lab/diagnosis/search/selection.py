@@ -31,6 +31,7 @@ class Settings:
     free: parameters of the base that are fitted. unbounded: those that may leave the standard
     errors of ``known`` at the price of their prior alone. refit: the effects of the base are fitted
     as well.
+    stated: standard errors of parameters that keep their values; none with a refit.
     joint: covariance of parameters that the file of the model states; None: standard errors alone.
     """
 
@@ -44,6 +45,7 @@ class Settings:
     seed: int = 0
     policy: Policy = USUAL
     refit: bool = True
+    stated: Mapping[str, float] = field(default_factory=dict)
     joint: Covariance | None = None
 
 

@@ -34,7 +34,8 @@ class Coordinates:
     """x (k,) in prior standard deviations around ``base``; low, high (k,): bounds of x.
 
     known: standard errors [SI units] by name, where the base was measured; amounts: further
-    additive parameters with their prior standard deviations. Raises UsageError for a parameter
+    additive parameters with their prior standard deviations. directions: by name, -1 for a
+    parameter that falls with rising x, else 1. Raises UsageError for a parameter
     of the base that is 0 and would be multiplied by a factor.
     """
 
@@ -55,6 +56,7 @@ class Coordinates:
                              expected="values other than 0",
                              remedy="--base paper, or a model.toml with a typical value")
         self._whole = np.where(self._log, self._start, 1.0)
+        self.directions = dict(zip(names, np.sign(self._whole).tolist(), strict=True))
         usual = [PRIOR_LOG_STD if a is None else a for a in amount]
         scale = np.where(self._log, np.abs(self._start), 1.0)
         self._usual = np.array(usual)

@@ -19,6 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from dart_hal.core.config.model import Covariance
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import replace_unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
@@ -46,6 +47,8 @@ TIMING_STEP = 4e-3  # s; two-sided difference for delays and ages of commands
 READING_STEP = 5e-4  # s; two-sided difference for ages of readings
 BOUND_TOLERANCE = 1e-6  # prior standard deviations; a fit that is nearer to a bound is on it
 NO_STANDARD_ERRORS: Mapping[str, float] = MappingProxyType({})
+# Added to the diagonal of correlations: a file states them with a few digits.
+CORRELATION_ERROR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +87,14 @@ class Space:
     def __init__(self, p: Vehicle, free: Sequence[str],
                  known: Mapping[str, float] = NO_STANDARD_ERRORS, message_age: float = MESSAGE_AGE,
                  policy: PriorPolicy = USUAL_PRIOR, loose: Collection[str] = (),
-                 fixed_effects: Collection[str] = ()) -> None:
+                 fixed_effects: Collection[str] = (), joint: Covariance | None = None) -> None:
         """Set coordinates and bounds.
 
         free: names of base parameters; the parameters of the effects of p are free as well, except
         those of fixed_effects (names of effects). known: standard errors of base parameters.
         message_age: expected age of the messages [s]. loose: known parameters without a bound;
-        their prior stays.
+        their prior stays. joint: covariance of known parameters, for their correlations; None:
+        they are independent.
         """
         self._message_age = message_age
         self.loose = tuple(loose)
@@ -113,6 +117,8 @@ class Space:
                           for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), timing_low])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), timing_high])
+        self.joint = joint
+        self.prior_precision = self._find_prior_precision(known)
 
     def __len__(self) -> int:
         return len(self.low)
@@ -122,12 +128,54 @@ class Space:
         return tuple(n for n, xi, low, high in zip(self.names, x, self.low, self.high, strict=False)
                      if believed in (-low, high) and believed - abs(xi) < BOUND_TOLERANCE)
 
-    @property
-    def prior_weight(self) -> FloatArray:
-        """Weights (k,) of x^2 in the loss; 0 for age and spread of commands, which have bounds."""
-        return np.concatenate([np.ones(len(self.names)), [
+    def _find_prior_precision(self, known: Mapping[str, float]) -> FloatArray:
+        """Return the matrix P (k, k) of the prior's loss x^T P x.
+
+        It is 1 for a parameter by itself, and the inverse of the stated correlations for known
+        ones; those of them that are not free are at their stated values. It is 0 for age and spread
+        of commands, which have bounds.
+        """
+        n = len(self.names)
+        out = np.diag(np.concatenate([np.ones(n), [
             (MESSAGE_AGE_REACH / MESSAGE_AGE_STD)**2, 0.0, 0.0,
-            (GYRO_AGE_REACH / GYRO_AGE_STD)**2]])
+            (GYRO_AGE_REACH / GYRO_AGE_STD)**2]]))
+        stated = [name for name in (self.joint.names if self.joint else ())
+                  if known.get(name, 0.0) > 0.0]
+        free = [name for name in stated if name in self.names]
+        place = [self.names.index(name) for name in free]
+        mine = [stated.index(name) for name in free]
+        precision = np.linalg.inv(self.stated_correlation(stated))
+        out[np.ix_(place, place)] = precision[np.ix_(mine, mine)]
+        return out
+
+    @property
+    def prior_root(self) -> FloatArray:
+        """Return the matrix U (k, k) with U^T U = P."""
+        n = len(self.names)
+        out = np.sqrt(np.diag(np.diag(self.prior_precision)))
+        out[:n, :n] = np.linalg.cholesky(self.prior_precision[:n, :n]).T
+        return out
+
+    def stated_correlation(self, names: Sequence[str]) -> FloatArray:
+        """Return the correlations (k, k) of coordinates that the file of the model states.
+
+        0 where it states none; with ``CORRELATION_ERROR`` on the diagonal.
+        """
+        out = (1.0 + CORRELATION_ERROR) * np.eye(len(names))
+        listed = self.joint.names if self.joint else ()
+        shared = [i for i, name in enumerate(names) if name in listed]
+        if self.joint and shared:
+            rows = [listed.index(names[i]) for i in shared]
+            covariance = np.array(self.joint.matrix)[np.ix_(rows, rows)]
+            # A coordinate rises while a negative parameter falls.
+            std = np.sqrt(np.diag(covariance)) * [
+                self._inner.directions.get(names[i], 1.0) for i in shared]
+            known = std != 0.0
+            there = np.array(shared, dtype=np.int64)[known]
+            out[np.ix_(there, there)] = (covariance[np.ix_(known, known)]
+                                         / np.outer(std[known], std[known])
+                                         + CORRELATION_ERROR * np.eye(len(there)))
+        return out
 
     @property
     def max_step(self) -> FloatArray:
@@ -186,6 +234,13 @@ class Space:
         n = len(self.names)
         sizes = np.sqrt(np.maximum(np.diag(covariance)[:n], 0.0)) * self._inner.slope(x[:n])
         return dict(zip(self.names, sizes.tolist(), strict=True))
+
+    def correlation(self, names: Sequence[str], covariance: FloatArray) -> FloatArray:
+        """Return the correlations (n, n) of parameters, from a covariance (k, k) of x."""
+        rows = [self.names.index(name) for name in names]
+        part = covariance[np.ix_(rows, rows)]
+        std = np.sqrt(np.diag(part)) * [self._inner.directions[name] for name in names]
+        return np.asarray(part / np.outer(std, std))
 
     def _timing_coordinates(self, timing: MessageTiming) -> FloatArray:
         """Return the last coordinates of a point with this timing."""
