@@ -89,7 +89,7 @@ def test_error_of_a_changed_parameter_holds_its_truth_although_the_prior_draws_i
     assert truth == 0.0 or drawn / trials > 0.5, "control: the sampling error alone misses it"
 
 
-MOTOR = ("motor.d", "motor.e", "motor.g")
+MOTOR_COORDINATES = ("motor.d", "motor.e", "motor.g")
 MOTOR_STDS = {"motor.d": 2.0, "motor.e": 0.5, "motor.g": 0.02}
 
 
@@ -98,12 +98,12 @@ def motor_covariance(correlation):
     std = np.array(list(MOTOR_STDS.values()))
     matrix = np.diag(std**2)
     matrix[0, 2] = matrix[2, 0] = correlation * std[0] * std[2]
-    return Covariance(MOTOR, tuple(map(tuple, matrix.tolist())))
+    return Covariance(MOTOR_COORDINATES, tuple(map(tuple, matrix.tolist())))
 
 
 def test_prior_of_a_fit_has_the_correlations_of_the_file():
     """Motor.g is negative: its coordinate rises while it falls."""
-    space = Space(PAPER, MOTOR, MOTOR_STDS, joint=motor_covariance(0.8))
+    space = Space(PAPER, MOTOR_COORDINATES, MOTOR_STDS, joint=motor_covariance(0.8))
     x = np.array([1.0, 0.0, 1.0])
     moved = np.concatenate([x, np.zeros(len(space) - 3)])
     loss = moved @ space.prior_precision @ moved
@@ -111,10 +111,10 @@ def test_prior_of_a_fit_has_the_correlations_of_the_file():
                                  rel=0.02)
     rows = space.prior_root @ moved
     assert rows @ rows == pytest.approx(loss)
-    alone = Space(PAPER, MOTOR[:1], MOTOR_STDS, joint=motor_covariance(0.8))
+    alone = Space(PAPER, MOTOR_COORDINATES[:1], MOTOR_STDS, joint=motor_covariance(0.8))
     assert alone.prior_precision[0, 0] == pytest.approx(1 / (1 - 0.8**2), rel=0.01)
-    for independent in (Space(PAPER, MOTOR, MOTOR_STDS),
-                        Space(PAPER, MOTOR, joint=motor_covariance(0.8))):
+    for independent in (Space(PAPER, MOTOR_COORDINATES, MOTOR_STDS),
+                        Space(PAPER, MOTOR_COORDINATES, joint=motor_covariance(0.8))):
         assert independent.prior_precision[:3, :3].tolist() == np.eye(3).tolist()
 
 
