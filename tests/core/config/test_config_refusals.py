@@ -161,6 +161,26 @@ def test_a_model_with_an_unknown_parameter_is_refused() -> None:
     assert "[friction]" in error.what
 
 
+@pytest.mark.parametrize(("names", "matrix", "word"), [
+    ("a, c", "[[1.0, 0.5], [0.5, 1.0]]", None),
+    ("a, c", "[[1e-8, 9.99999e-5], [9.99999e-5, 1.0]]", None),
+    ("a, x", "[[1.0, 0.5], [0.5, 1.0]]", "friction.x"),
+    ("a, c", "[[1.0, 0.5]]", "2 x 2"),
+    ("a, c", "[[1.0, 0.5], [0.4, 1.0]]", "no covariance"),
+    ("a, c", "[[1.0, 1.1], [1.1, 1.0]]", "no covariance"),
+    ("a, c", "[[-1.0, 0.0], [0.0, 1.0]]", "no covariance"),
+    ("a, b, c", "[[1.0, -0.9, -0.9], [-0.9, 1.0, -0.9], [-0.9, -0.9, 1.0]]", "no covariance")])
+def test_a_covariance_that_cannot_be_is_refused(names, matrix, word) -> None:
+    listed = ", ".join(f'"friction.{name}"' for name in names.split(", "))
+    text = ('name = "m"\nkind = "dynamic"\n[body]\nwheelbase = 0.2\n[friction]\na = 1.0\nb = 2.0\n'
+            f'c = 1.0\n[covariance.joint]\nnames = [{listed}]\nmatrix = {matrix}\n')
+    if word is None:
+        parse_model(text, "file.toml")
+    else:
+        error = read_refused(lambda t: parse_model(t, "file.toml"), text)
+        assert word in error.what + error.found
+
+
 def test_broken_toml_is_refused_with_its_file() -> None:
     read_refused(lambda t: parse_config(t, "file.toml"), "[pwm\n")
 

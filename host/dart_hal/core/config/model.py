@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 
 from dart_hal.core.config.parse import parse, require, unknown_key_error
 from dart_hal.core.config.quantity import FileTable, Quantity
@@ -16,6 +17,8 @@ from dart_hal.core.errors import ConfigError
 MODEL_SCHEMA = "dart-hal/model/1"
 # V, from one empty cell to twelve full ones.
 MOTOR_VOLTAGE_RANGE = (2.5, 55.0)
+# Of a correlation: a file states covariances with six digits.
+MAX_ROUNDING_ERROR = 1e-4
 Parameter = float | Quantity
 Parameters = dict[str, Parameter]
 
@@ -128,13 +131,34 @@ def check_model(model: ModelFile, origin: str) -> ModelFile:
         for key, entry in effect.parameters.items():
             _check_entry(entry, f"effects.{effect.name}.{key}", origin)
     for name, table in model.covariance.items():
-        n = len(table.names)
-        if [len(row) for row in table.matrix] != [n] * n:
-            raise ConfigError(f"{origin}: covariance.{name}.matrix is not {n} x {n}",
-                              found=str([len(row) for row in table.matrix]), read=origin,
-                              expected=f"{n} rows of {n}, one for each name",
-                              remedy="identify the model again")
+        _check_covariance(table, f"covariance.{name}", model, origin)
     return model
+
+
+def _check_covariance(table: Covariance, key: str, model: ModelFile, origin: str) -> None:
+    """Raise ConfigError unless the names are parameters and the matrix is a covariance of them."""
+    n = len(table.names)
+    if [len(row) for row in table.matrix] != [n] * n:
+        raise ConfigError(f"{origin}: {key}.matrix is not {n} x {n}",
+                          found=str([len(row) for row in table.matrix]), read=origin,
+                          expected=f"{n} rows of {n}, one for each name",
+                          remedy="identify the model again")
+    known = [f"{section}.{one}" for section in MODEL_PARAMETERS for one in getattr(model, section)]
+    known += [f"{effect.name}.{one}" for effect in model.effects for one in effect.parameters]
+    for name in table.names:
+        if name not in known:
+            raise unknown_key_error(name, known, origin, f"{key}.names")
+    matrix = np.array(table.matrix)
+    std = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    outside = np.abs(matrix) > (1.0 + MAX_ROUNDING_ERROR) * np.outer(std, std)
+    correlation = matrix / np.maximum(np.outer(std, std), np.finfo(float).tiny)
+    if (np.diag(matrix) < 0.0).any() or outside.any() or not np.allclose(
+            matrix, matrix.T, rtol=MAX_ROUNDING_ERROR) or (
+            n and np.linalg.eigvalsh(correlation).min() < -MAX_ROUNDING_ERROR):
+        raise ConfigError(f"{origin}: {key}.matrix is no covariance", read=origin,
+                          found="a matrix that is not symmetric, or has a negative variance",
+                          expected="a symmetric matrix without negative eigenvalues",
+                          remedy=f"remove [{key}], or identify the model again")
 
 
 def _check_entry(entry: Parameter, key: str, origin: str) -> None:
