@@ -18,7 +18,15 @@ from dart_hal.recording.dart.one_car import (
     find_car_difference,
     refuse_several_cars,
 )
-from dart_hal.recording.dart.response import measure_response
+from dart_hal.recording.dart.response import (
+    DELAYS,
+    LAGS,
+    STEP,
+    _filter_command,
+    _range,
+    _windows,
+    measure_response,
+)
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.cli.data import check_command
@@ -164,3 +172,25 @@ def test_no_real_car_alarms_in_all_its_recordings(recordings, other_cars):
     assert compare_responses([*dart, *f1tenth]) is not None
     assert compare_responses([*dart, *halve(zheng)]) is not None
     assert compare_responses([*f1tenth, *halve(zheng)]) is not None
+
+
+@pytest.mark.slow
+def test_filters_of_the_response_are_those_of_scipy():
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+    from scipy.signal import lfilter
+
+    values = np.random.default_rng(8).normal(size=200)
+    for size in (4, 5):
+        mean = _windows(values, size // 2, size - 1 - size // 2).mean(axis=1)
+        assert mean == pytest.approx(uniform_filter1d(values, size))
+        origin = (size - 1) // 2
+        assert _range(values, size * STEP) == pytest.approx(
+            maximum_filter1d(values, size, origin=origin)
+            - minimum_filter1d(values, size, origin=origin))
+    # a curvature that follows a command by a delay and a lag is found as that command
+    delay, lag = DELAYS[-1], LAGS[-1]
+    late = np.concatenate([np.full(delay, values[0]), values[:len(values) - delay]])
+    keep = np.exp(-STEP / lag)
+    follows, _ = lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])
+    use = np.ones(len(values), dtype=np.bool_)
+    assert _filter_command(values, 0.3 + follows, use) == pytest.approx(follows)

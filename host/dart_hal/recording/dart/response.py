@@ -27,9 +27,11 @@ from itertools import combinations
 from statistics import NormalDist
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.vehicle.delay import low_pass
 
 from .marker import marker_grid
 from .model import Recording
@@ -262,11 +264,10 @@ def _fit_steering(s: MotionSamples, min_speed: float) -> ResponseCurve | None:
 
 def _fit_throttle(s: MotionSamples, scale: float) -> ResponseCurve | None:
     """Fit the throttle at the nodes; None: too little straight driving. scale: of the speeds."""
-    from scipy.ndimage import uniform_filter1d
-
     size = round(THROTTLE_TIME / STEP)
-    speed = uniform_filter1d(s.speed, size)
-    acceleration = uniform_filter1d(np.gradient(speed, STEP), size)
+    half = size // 2
+    speed = _windows(s.speed, half, size - 1 - half).mean(axis=1)
+    acceleration = _windows(np.gradient(speed, STEP), half, size - 1 - half).mean(axis=1)
     use = (s.good & (s.speed > MIN_SPEED * scale) & (s.throttle > 0.0)
            & (np.abs(s.steering) < MAX_STRAIGHT_COMMAND)
            & (np.abs(s.rate * s.speed) < MAX_GENTLE_ACCELERATION)
@@ -309,15 +310,14 @@ def _filter_command(command: FloatArray, curvature: FloatArray, use: BoolArray) 
 
     Both are those with the smallest residual of kappa = c0 + c1 u + c2 u |u|.
     """
-    from scipy.signal import lfilter
-
     best = command
     least = math.inf
     for delay in DELAYS:
         late = np.concatenate([np.full(delay, command[0]), command])[:len(command)]
         for lag in LAGS:
-            keep = math.exp(-STEP / lag) if lag else 0.0
-            u = np.asarray(lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])[0])
+            # ``low_pass`` takes the sample before: one more, without the first.
+            u = (low_pass(np.append(late, late[-1]), math.exp(-STEP / lag))[1:] if lag
+                 else late)
             x = np.column_stack([np.ones(len(u)), u, u * np.abs(u)])[use]
             residual = float(np.sum((curvature[use] - x @ np.linalg.lstsq(
                 x, curvature[use], rcond=None)[0])**2))
@@ -377,9 +377,13 @@ def _sample_sensors(r: Recording) -> MotionSamples | None:
 
 def _range(values: FloatArray, seconds: float) -> FloatArray:
     """Return largest minus smallest value (n,) of the ``seconds`` up to each sample."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+    return np.asarray(np.ptp(_windows(values, round(seconds / STEP) - 1, 0), axis=1))
 
-    size = round(seconds / STEP)
-    origin = (size - 1) // 2
-    return np.asarray(maximum_filter1d(values, size, origin=origin)
-                      - minimum_filter1d(values, size, origin=origin))
+
+def _windows(values: FloatArray, before: int, after: int) -> FloatArray:
+    """Return each sample with those around it (n, before + 1 + after), mirrored at the ends.
+
+    As the filters of scipy.ndimage, whose import takes longer than all of them here.
+    """
+    return sliding_window_view(np.pad(values, (before, after), mode="symmetric"),
+                               before + 1 + after)
