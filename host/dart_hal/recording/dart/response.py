@@ -380,10 +380,9 @@ def _range(values: FloatArray, seconds: float) -> FloatArray:
     return np.asarray(np.ptp(_windows(values, round(seconds / STEP) - 1, 0), axis=1))
 
 
-def _windows(values: FloatArray, before: int, after: int) -> FloatArray:
-    """Return each sample with those around it (n, before + 1 + after), mirrored at the ends.
+def _windows(values: FloatArray, left: int, right: int) -> FloatArray:
+    """Return each sample with those around it (n, left + 1 + right), mirrored at the ends.
 
     As the filters of scipy.ndimage, whose import takes longer than all of them here.
     """
-    return sliding_window_view(np.pad(values, (before, after), mode="symmetric"),
-                               before + 1 + after)
+    return sliding_window_view(np.pad(values, (left, right), mode="symmetric"), left + 1 + right)
