@@ -40,6 +40,19 @@ def test_a_voltage_that_not_all_recordings_have_is_not_used(drive):
     assert not any("voltage" in note for note in both.notes)
 
 
+def test_stretches_in_which_the_esc_brakes_are_left_out_and_stated(drive):
+    messages = drive.messages
+    brakes = (messages.arrival > 20.0) & (messages.arrival < 24.0)
+    braking = replace(drive, messages=replace(
+        messages, throttle=np.where(brakes, -0.3, messages.throttle)))
+    word = "what the ESC does then is in no model"
+    for recording, stated in ((braking, True), (drive, False)):
+        notes = check_inputs([recording], [other(recording)], PAPER).notes
+        assert any(word in note for note in notes) == stated
+    starts = [prepare_drive(r, PAPER.body.l_r).starts for r in (drive, braking)]
+    assert 0 < len(starts[1]) < len(starts[0]) - 2
+
+
 @pytest.mark.slow_except("None-True*")
 @pytest.mark.parametrize(("motor_voltage", "measured", "expected"), [
     (None, True, "the model states no motor_voltage"),

@@ -179,6 +179,22 @@ def test_bad_samples_are_never_predicted():
         ShootingProblem.from_grids([part])
 
 
+def test_stretches_in_which_the_esc_brakes_are_left_out_and_counted():
+    g = driven(4, 20.0)
+    throttle = g.throttle.copy()
+    throttle[700:900] = -0.2
+    problem = ShootingProblem.from_grids([replace(g, throttle=throttle)])
+    [(_, starts)] = problem.parts
+    for first in starts:
+        assert throttle[max(first - 50, 0):first + 100].min() > 0.0
+    control = ShootingProblem.from_grids([g])
+    assert control.braked == 0
+    assert problem.braked == len(control) - len(problem) > 2
+    with pytest.raises(RecordingError, match="no stretch") as refused:
+        ShootingProblem.from_grids([replace(g, throttle=np.full(len(g), -0.2))])
+    assert "in which the ESC does not brake" in refused.value.found
+
+
 def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
     u = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     np.testing.assert_allclose(delay_command(u, 0.02, smooth=True), [0, 0, 0, 0, 1, 1])

@@ -23,7 +23,7 @@ from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.battery import state_fade_law
 from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.evaluation.cases import FRAME_NOTES
-from dart_lab.identification.prediction.windows import least_speed
+from dart_lab.identification.prediction.windows import MIN_FORWARD_THROTTLE, least_speed
 from dart_lab.report.numbers import shorten_list
 
 from .agreement import check_model, check_units, drop_dead_gyro
@@ -98,10 +98,18 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     if seconds < policy.small_train_s:
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be found. "
                      "Record a minute or more")
+    notes += list_braked(sets[0])
     notes += list_excluded_effects(p)
     notes += state_fade_law(p, [*sets[0], *sets[1]])
     notes += warn_fitted_before(sets[1], fitted_to)
     return Inputs(tuple(sets[0]), tuple(sets[1]), tuple(notes))
+
+
+def list_braked(train: Sequence[Recording]) -> list[str]:
+    """Return a note of the share of commands with which the ESC brakes."""
+    braked = np.concatenate([r.messages.throttle for r in train]) < MIN_FORWARD_THROTTLE
+    return [f"the throttle is below 0 in {braked.mean():.0%} of the commands: what the ESC does "
+            "then is in no model, so these stretches are left out"] if braked.any() else []
 
 
 def list_excluded_effects(p: Vehicle) -> list[str]:

@@ -30,7 +30,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.commands import message_time, zero_order_hold
 from dart_lab.identification.prediction.rollout import states
 from dart_lab.identification.prediction.sensors import marker_pose
-from dart_lab.identification.prediction.windows import find_windows
+from dart_lab.identification.prediction.windows import find_windows, is_forward
 
 from .policy import USUAL_EVIDENCE, EvidencePolicy
 from .standing import add_dither, driving_noise_scale, find_rest_messages
@@ -186,8 +186,9 @@ def _differentiate_poses(g: Grid, x: FloatArray, y: FloatArray, yaw: FloatArray,
 
 
 def _find_starts(g: Grid, spacing: int, bend: float) -> IntArray:
-    """Find first samples of windows where the yaw rate is straight."""
+    """Find first samples of windows where the yaw rate is straight and the ESC does not brake."""
     starts = find_windows(g, spacing, CLEAN_SAMPLES, CLEAN_SAMPLES).start
+    starts = starts[is_forward(g, starts, CLEAN_SAMPLES)]
     return starts[_second_difference(g.omega, starts, YAW_RATE_REACH) < bend]
 
 

@@ -19,7 +19,7 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import RUN, Grid, Messages, Recording, Reference
 from dart_hal.recording.dart.spans import span_index
 from dart_lab.identification.prediction.commands import message_time, zero_order_hold
-from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED
+from dart_lab.identification.prediction.windows import MIN_FORWARD_THROTTLE, MIN_WINDOW_SPEED
 
 from .drive import RecordedDrive, stack_readings
 from .policy import USUAL_EVIDENCE, EvidencePolicy
@@ -33,7 +33,6 @@ START_SPACING = 0.5  # s from start to start: half a window, so each message is 
 MAX_JITTER_S = 0.03  # s; a message further from its place in the 10 Hz grid is a lost one
 ACCEL_READ_OUTS = (3, 8)  # read-outs at which the accelerometer is judged: each message once
 END_MESSAGES = 4  # at the begin of a stretch; the state at a start needs messages to both sides
-MIN_FORWARD_THROTTLE = -0.01  # below it a car may reverse; an encoder has no sign
 FINE_SPAN_S = 0.8 * ENCODER_MEAN_S  # s; messages of a run closer than this are joined
 
 

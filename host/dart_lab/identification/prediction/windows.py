@@ -30,6 +30,10 @@ MIN_FOLLOWING = 220
 CLEAN_BEFORE = 8
 # [m/s] The dynamic model of a car of 1:10 is neither valid nor scored below it.
 MIN_WINDOW_SPEED = 0.3
+# Throttle below which the ESC brakes a car that rolls forward, or reverses. No model describes it.
+MIN_FORWARD_THROTTLE = -0.01
+# [s] The brake acts on the car for so long after its command.
+BRAKE_MEMORY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,13 @@ def find_windows(g: Grid, every: int = START_STRIDE, clean: int = CLEAN_SAMPLES,
     sound = total[start + clean] == total[start - CLEAN_BEFORE]
     moves = g.v_x[start] > MIN_WINDOW_SPEED * g.scale.speed
     return Windows(start[sound & moves], int((~moves).sum()), int((moves & ~sound).sum()))
+
+
+def is_forward(g: Grid, start: IntArray, length: int) -> BoolArray:
+    """Return whether the throttle never brakes in each window (n,) of ``length`` samples."""
+    brakes = np.concatenate([[0], np.cumsum(g.throttle < MIN_FORWARD_THROTTLE)])
+    first = np.maximum(start - round(BRAKE_MEMORY_S / SAMPLE), 0)
+    return np.asarray(brakes[np.minimum(start + length, len(g))] == brakes[first])
 
 
 def least_speed(recording: Recording) -> float:

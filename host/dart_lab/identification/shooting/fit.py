@@ -160,9 +160,11 @@ def fit_jointly(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str
     cpu = time.process_time() - begin
     before = _rmse(work.error(np.zeros(len(names))))
     after = _rmse(work.error(x))
-    note = f"{len(problem)} stretches of {PREDICTION_TIME:g} s predicted; error (rms) " + ", ".join(
+    braked = f", {problem.braked} left out because the ESC brakes" if problem.braked else ""
+    note = (f"{len(problem)} stretches of {PREDICTION_TIME:g} s predicted{braked}; error (rms) "
+            + ", ".join(
         f"{c} {b:.3g} -> {a:.3g} {u}"
-        for c, b, a, u in zip(CHANNELS, before, after, PREDICTED_UNITS, strict=True))
+        for c, b, a, u in zip(CHANNELS, before, after, PREDICTED_UNITS, strict=True)))
     fits = {s: _extract_submodel(s, vehicle, names, covariance, identified, data, cpu, note)
             for s in FREE if any(name.startswith(f"{s}.") for name in names)}
     errors = np.sqrt(np.diag(covariance))

@@ -13,7 +13,7 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.rollout import Parts, measured_states, predict
-from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED, find_windows
+from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED, find_windows, is_forward
 
 CHANNELS = ("v_x", "v_y", "omega")
 PREDICTED_UNITS = ("m/s", "m/s", "rad/s")
@@ -33,28 +33,34 @@ class ShootingProblem:
     """n windows of some recordings.
 
     parts: recordings with the first samples of their windows; measured (len(READ_TIMES), 3, n):
-    measured CHANNELS; waits [s]: standard error of the pulse wait of each recording, () = none.
+    measured CHANNELS; waits [s]: standard error of the pulse wait of each recording, () = none;
+    braked: windows that were left out because the ESC brakes in them.
     """
 
     parts: Parts
     measured: FloatArray
     waits: tuple[float, ...] = ()
+    braked: int = 0
 
     @classmethod
     def from_grids(cls, grids: Sequence[Grid], every: float = START_INTERVAL) -> ShootingProblem:
         """Find all good windows, one every ``every`` [s]. Raises RecordingError without any."""
         clean = READ_OFFSETS[-1] + FILTER_REACH
         starts = [find_windows(g, round(every / SAMPLE), clean, clean).start for g in grids]
-        parts = [(g, first[_stays_fast(g, first)])
-                 for g, first in zip(grids, starts, strict=True)]
+        fast = [first[_stays_fast(g, first)] for g, first in zip(grids, starts, strict=True)]
+        parts = [(g, first[is_forward(g, first, READ_OFFSETS[-1])])
+                 for g, first in zip(grids, fast, strict=True)]
+        braked = sum(map(len, fast)) - sum(len(first) for _, first in parts)
         if not any(len(first) for _, first in parts):
             raise RecordingError(
                 "no stretch of these recordings can be predicted",
                 found=f"{len(grids)} recording(s) without {PREDICTION_TIME} s of good motion "
-                      f"capture above {MIN_WINDOW_SPEED * grids[0].scale.speed:.2g} m/s",
-                expected="motion capture of a moving car",
+                      f"capture above {MIN_WINDOW_SPEED * grids[0].scale.speed:.2g} m/s"
+                      + (f" in which the ESC does not brake ({braked} in which it does)"
+                         if braked else ""),
+                expected="motion capture of a car that is driven forward",
                 remedy="dart-hal data check FILES says what is wrong with them")
-        return cls(parts, measured_states(parts, READ_OFFSETS)[:, 3:])
+        return cls(parts, measured_states(parts, READ_OFFSETS)[:, 3:], braked=braked)
 
     def __len__(self) -> int:
         return int(self.measured.shape[-1])
