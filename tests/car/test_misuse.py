@@ -37,6 +37,12 @@ def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
             car.note("x", {"a": {}})
 
 
+@pytest.mark.parametrize("name", ["", "run", "run.csv"])
+def test_a_recording_is_a_file_that_ends_in_mcap(tmp_path, name):
+    with pytest.raises(UsageError, match="an MCAP file"):
+        Car.open(MOCK_1_URL, record=tmp_path / name)
+
+
 @pytest.mark.parametrize("url", ["", "  "])
 def test_an_empty_url_is_not_the_default_car(url):
     with pytest.raises(UsageError, match="empty"):

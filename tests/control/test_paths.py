@@ -77,6 +77,20 @@ def test_points_are_equidistant_and_the_curvature_changes_where_a_segment_ends()
     assert np.hypot(path.x[late] - 1.01, path.y[late] - 1.0) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("segments", [
+    [], [(1.0, 0.0, 2.0)], [1.0, 2.0], [(0.0, 0.0)], [(-1.0, 0.5)], [(1.0, float("nan"))]])
+def test_what_is_no_segment_is_refused(segments):
+    with pytest.raises(UsageError, match="needs segments") as refused:
+        Path(segments, closed=False)
+    assert "Path.through" in refused.value.remedy
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.9, float("nan"), float("inf")])
+def test_a_circle_without_a_radius_is_refused(radius):
+    with pytest.raises(UsageError, match="needs a radius"):
+        figure_of_eight(radius)
+
+
 def test_a_closed_path_has_no_gap():
     with pytest.raises(UsageError, match="not closed"):
         Path([(1.0, 0.0)], closed=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from dart_hal.core.config.model import check_model
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -76,6 +77,8 @@ def test_error_of_a_frame_is_no_cause(refit):
     assert any("moves it, within its stated errors" in note for note in fitted.notes)
     written, of_known = (extended_model(d, file, [train]) for d in (fitted, known))
     assert written.effects == (), "it is of these recordings, and not of the car"
+    assert check_model(written, "written") == written, "nor in its covariance"
+    assert refit == ("joint" in written.covariance)
     if not refit:
         assert "mocap_offset_x" in [e.name for e in of_known.effects]
         assert "mocap_offset_x" in [c.effect for c in known.causes]

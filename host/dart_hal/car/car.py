@@ -322,7 +322,7 @@ class Car:
 
     def _next(self, timeout: float, every: int) -> State:
         if self._pump is None or self._closed:
-            raise closed_error("states()")
+            raise closed_error("states() or arm()")
         armed = self._engine.driver.mode in (ArmState.ARMED, ArmState.RAW)
         self._timer.record_request(every, armed=armed)
         frames = 0

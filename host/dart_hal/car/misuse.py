@@ -37,17 +37,14 @@ def check_url(url: str | None) -> str | None:
     return url
 
 
-# Suffixes of other formats, to which a recording can be exported or for which it may be mistaken.
-TABLE_SUFFIXES = (".csv", ".parquet", ".json", ".bag", ".db3")
-
-
 def check_record(path: str | Path | RunFile) -> None:
-    """Raise UsageError for a file whose name belongs to another format than MCAP."""
+    """Raise UsageError for a folder, and for a name that is not one of an MCAP file."""
     from dart_hal.recording.run_file import RunFile
 
     path = path.path if isinstance(path, RunFile) else path
-    if Path(path).suffix.lower() in TABLE_SUFFIXES:
-        raise UsageError(f"{path}: a recording is an MCAP file", found=Path(path).name,
+    if Path(path).suffix.lower() != ".mcap" or Path(path).is_dir():
+        raise UsageError(f"{path}: a recording is an MCAP file",
+                         found="a folder" if Path(path).is_dir() else Path(path).name,
                          expected="a name that ends in .mcap",
                          remedy="record to .mcap; afterwards: dart-hal export")
 

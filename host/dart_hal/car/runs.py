@@ -388,7 +388,7 @@ def _imu_at_midframe(values: Sequence[float | None], states: Sequence[State], t:
     return np.where(known, interpolated, np.nan)
 
 
-def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
+def read_any(paths: str | Path | Iterable[str | Path], told: Callable[[Path], None] | None = None,
              reference: Reference | None = None, car: NamedCar = NamedCar()
              ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """Read files and folders in name order, of any format, with their marker frames.
@@ -402,8 +402,8 @@ def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = 
     return with_marker_frames(recordings, reference), skipped
 
 
-def read_all_unframed(paths: Iterable[str | Path], on_file: Callable[[Path], None] | None = None,
-                      car: NamedCar = NamedCar()
+def read_all_unframed(paths: str | Path | Iterable[str | Path],
+                      on_file: Callable[[Path], None] | None = None, car: NamedCar = NamedCar()
                       ) -> tuple[list[Recording], list[tuple[str, str]]]:
     """Read as ``read_any`` without marker frames, for a caller that pools several calls.
 
@@ -413,7 +413,7 @@ def read_all_unframed(paths: Iterable[str | Path], on_file: Callable[[Path], Non
     recordings: list[Recording] = []
     skipped: list[tuple[str, str]] = []
     resolved: set[Path] = set()
-    for entry in map(Path, paths):
+    for entry in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         files = _in_folder(entry) if entry.is_dir() else [entry]
         usable = 0
         for file in files:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, hypot, pi, sin
+from math import cos, hypot, inf, pi, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,11 +46,18 @@ class Path:
 
     def __init__(self, segments: Sequence[Segment], *, closed: bool,
                  start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """Join arcs and straights without a kink. Raises UsageError if a closed path has a gap.
+        """Join arcs and straights without a kink.
 
-        ``Path.through`` makes a path of points.
+        Raises UsageError if a closed path has a gap, and for what is no segment. ``Path.through``
+        makes a path of points.
         """
-        length, k = np.array(segments, dtype=float).T
+        parts = np.array(segments, dtype=float)
+        if (parts.ndim != 2 or parts.shape[1:] != (2,) or not len(parts)
+                or not np.isfinite(parts).all() or not (parts[:, 0] > 0.0).all()):
+            raise UsageError("a path needs segments", found=repr(segments)[:100],
+                             expected="(length [m] above 0, curvature [1/m]) of one or more",
+                             remedy="Path.through(points, closed=...) makes a path of points")
+        length, k = parts.T
         end = np.cumsum(length)
         n = sum(max(1, round(part / POINT_SPACING)) for part in length)
         x, y, yaw = (np.array([v]) for v in start)
@@ -242,5 +249,10 @@ def _advance_on_arc(x: Any, y: Any, yaw: Any, s: Any, k: Any) -> tuple[Any, Any,
 
 
 def figure_of_eight(radius: float) -> Path:
-    """Return a left circle and a right circle of ``radius`` [m] that meet at the start."""
+    """Return a left circle and a right circle of ``radius`` [m] that meet at the start.
+
+    Raises UsageError for a radius that is not above 0.
+    """
+    if not 0.0 < radius < inf:
+        raise UsageError("a circle needs a radius", found=f"{radius!r} m", expected="above 0 m")
     return Path([(2 * pi * radius, 1 / radius), (2 * pi * radius, -1 / radius)], closed=True)

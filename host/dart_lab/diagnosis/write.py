@@ -12,7 +12,7 @@ import numpy as np
 
 from dart_hal import __version__
 from dart_hal.core.config import EffectEntry, ModelFile, Quantity, plain, save_model
-from dart_hal.core.config.model import Covariance, Parameter
+from dart_hal.core.config.model import Covariance, Parameter, list_parameters
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Vehicle
@@ -58,8 +58,11 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     if d.correlation is None:
         return model
     names, correlation = d.correlation
-    std = np.array([stds[name] for name in names])
-    joint = Covariance(names, round_covariance(correlation * np.outer(std, std)))
+    # Offsets of a fitted marker frame are no part of the car, and not in its file.
+    kept = [i for i, name in enumerate(names) if name in list_parameters(model)]
+    std = np.array([stds[names[i]] for i in kept])
+    joint = Covariance(tuple(names[i] for i in kept),
+                       round_covariance(correlation[np.ix_(kept, kept)] * np.outer(std, std)))
     return msgspec.structs.replace(model, covariance={**model.covariance, "joint": joint})
 
 

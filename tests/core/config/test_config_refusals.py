@@ -165,6 +165,7 @@ def test_a_model_with_an_unknown_parameter_is_refused() -> None:
     ("a, c", "[[1.0, 0.5], [0.5, 1.0]]", None),
     ("a, c", "[[1e-8, 9.99999e-5], [9.99999e-5, 1.0]]", None),
     ("a, x", "[[1.0, 0.5], [0.5, 1.0]]", "friction.x"),
+    ("a, a", "[[1.0, 0.5], [0.5, 1.0]]", "names is out of range"),
     ("a, c", "[[1.0, 0.5]]", "2 x 2"),
     ("a, c", "[[1.0, 0.5], [0.4, 1.0]]", "no covariance"),
     ("a, c", "[[1.0, 1.1], [1.1, 1.0]]", "no covariance"),

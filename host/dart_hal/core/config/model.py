@@ -135,6 +135,12 @@ def check_model(model: ModelFile, origin: str) -> ModelFile:
     return model
 
 
+def list_parameters(model: ModelFile) -> list[str]:
+    """Return the names of all parameters of a model, "section.key" and "effect.parameter"."""
+    return [f"{section}.{one}" for section in MODEL_PARAMETERS for one in getattr(model, section)
+            ] + [f"{effect.name}.{one}" for effect in model.effects for one in effect.parameters]
+
+
 def _check_covariance(table: Covariance, key: str, model: ModelFile, origin: str) -> None:
     """Raise ConfigError unless the names are parameters and the matrix is a covariance of them."""
     n = len(table.names)
@@ -143,11 +149,11 @@ def _check_covariance(table: Covariance, key: str, model: ModelFile, origin: str
                           found=str([len(row) for row in table.matrix]), read=origin,
                           expected=f"{n} rows of {n}, one for each name",
                           remedy="identify the model again")
-    known = [f"{section}.{one}" for section in MODEL_PARAMETERS for one in getattr(model, section)]
-    known += [f"{effect.name}.{one}" for effect in model.effects for one in effect.parameters]
+    known = list_parameters(model)
     for name in table.names:
         if name not in known:
             raise unknown_key_error(name, known, origin, f"{key}.names")
+    require(len(set(table.names)) == n, origin, f"{key}.names", table.names, "each name once")
     matrix = np.array(table.matrix)
     std = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     outside = np.abs(matrix) > (1.0 + MAX_ROUNDING_ERROR) * np.outer(std, std)
