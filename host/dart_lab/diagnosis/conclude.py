@@ -40,7 +40,7 @@ from .parameters.sets import GroupFits
 from .parameters.unseen import RecordingLosses
 from .predictor import find_predictor
 from .question import DiagnosisSetup
-from .report.words import removes
+from .report.words import describe_parts, removes
 from .result import (
     Cause,
     Claim,
@@ -161,8 +161,13 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     servo_caution = (TYRE_CAUTION,) if complete[-1] is not last else ()
     kept = (KEPT_PARAMETERS,) if q.settings.stated and any(
         one.why == IMPROBABLE for one in accepted.rejected.values()) else ()
+    parts = {effect: numbers
+             for effect, numbers in {**describe_imu_mounting(mounting, q.train.evidence),
+                                     **describe_servo(final, last)}.items()
+             if any(number.value != number.null for number in numbers.values())}
     cautions = list_cautions(last, (q.train, q.test), changes, gain, causes, policy)
-    notes = (*servo_caution, *kept, *cautions, *describe_frame(final.vehicle, q.frame))
+    notes = (*servo_caution, *kept, *cautions, *describe_parts(parts),
+             *describe_frame(final.vehicle, q.frame))
     # 5.
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, policy.noise)
     floor = estimate_noise_floor(q.test, final.vehicle, losses.timing(final), predictor(final)[1])
@@ -177,8 +182,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
         unexplained=structure, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, late_commands=late,
         gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
-        mounting={**describe_imu_mounting(mounting, q.train.evidence),
-                  **describe_servo(final, last)},
+        mounting=parts,
         predictor=(find_predictor(fits, q.train, q.test, complete[0], last) if q.predictor
                    else None),
         correlation=_find_correlation(final, changes),

@@ -160,6 +160,14 @@ def quantity(number: ParameterEstimate) -> str:
     return value + UNIT_WORDS.get(number.unit, f" {number.unit}")
 
 
+def describe_parts(mounting: Mapping[str, Mapping[str, ParameterEstimate]]) -> tuple[str, ...]:
+    """Describe the effects of the written model that are parts of the car and no causes."""
+    words = [f"{effect} {quantity(number)}" for effect, numbers in mounting.items()
+             for number in numbers.values() if number.value != number.null]
+    return (f"the written model also has these parts of the car, which are no causes: "
+            f"{', '.join(words)}",) if words else ()
+
+
 def variable(name: str) -> str:
     """Name of a feature in words."""
     return {"x": "place (x)", "y": "place (y)", "time": "time in the recording",
