@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
 from dart_hal.calibration.acceptance import STEP_NAMES
 from dart_hal.car import Car
 from dart_lab.cli import accept, study
+from dart_lab.pages import identify_table
 from dart_lab.pages.accept_page import AcceptanceReport
 from dart_lab.study.stages import CHANNEL_LABELS, StageResult
 from tests.cli.test_cli_accept import ACCEPTED_CAR, EMULATED, only
@@ -50,6 +52,19 @@ def test_evaluate_counts_notices_and_lists_them_with_full(verb):
     full = verb("evaluate", "--full", FREE_DRIVE, STEP_INPUTS)
     assert "notice: skipped 13 file(s)" in full.err
     assert "(--full)" not in full.err
+
+
+@pytest.mark.parametrize(("identified", "step"), [
+    ({"friction": False, "tyres": True},
+     "record a drive that determines friction.a: dart-hal experiment friction"),
+    ({"tyres": False}, "dart-hal identify all FILES, unless --base has the steering delay and map "
+                       "of this car: the tyres take both as exact"),
+    ({"friction": True}, "dart-hal evaluate on recordings that were not used in this fit")])
+def test_first_step_after_identify_is_a_command_for_its_result(monkeypatch, identified, step):
+    monkeypatch.setattr(identify_table, "why_unsound", lambda fit: "")
+    fits = {name: SimpleNamespace(parameters={"a": SimpleNamespace(identifiable=one)})
+            for name, one in identified.items()}
+    assert identify_table._first_step(SimpleNamespace(fits=fits)) == step
 
 
 def test_identify_begins_with_its_verdict(verb):

@@ -76,10 +76,15 @@ def _first_step(outcome: Identification) -> str:
     for name, fit in fits.items():
         if why := why_unsound(fit):
             return f"drive and record again for {name}: {why}"
+    if list(fits) == ["tyres"]:
+        return ("dart-hal identify all FILES, unless --base has the steering delay and map of "
+                "this car: the tyres take both as exact")
     unknown = [f"{name}.{key}" for name, fit in fits.items() for key, e in fit.parameters.items()
                if not e.identifiable]
     if unknown:
-        return f"record a drive that determines {shorten_list(unknown)}: dart-hal experiment"
+        submodel = unknown[0].partition(".")[0].partition("_")[0]
+        return (f"record a drive that determines {shorten_list(unknown)}: "
+                f"dart-hal experiment {submodel}")
     return "dart-hal evaluate on recordings that were not used in this fit"
 
 
