@@ -12,7 +12,7 @@ Options:
 - ``fail``: failures separated by commas (``dart_lab.sim.failures``)
 - ``tick``: 1, or 10 for long runs of the kinematic model [ms]
 - ``vehicle``: a model.toml or the name of a shipped set, the true vehicle
-- ``effect``: further effects, such as ``steering_lag:0.06,encoder_ring:missing=0.1``
+- ``effect``: further effects, such as ``steering_lag:0.06,encoder_scale:-0.02``
   (docs/reference/effects.md)
 - ``mocap``: 1 or, for example, ``rate=50,lock=2``, a motion capture (``dart_lab.sim.mocap``)
 - ``lidar``: 1, a model or, for example, ``ld19,noise=0.01``, a lidar (``dart_lab.sim.lidar``)

@@ -126,8 +126,8 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.wheel_moves),
     Refusal("MOVES_AT_NEUTRAL", "sensors",
             "the wheels turned faster while the throttle was neutral; the pulses are off",
-            "hold the car still and arm() again; if it comes again, check [throttle] neutral_us, "
-            "[pwm] oscillator_hz and the channels in the car's files",
+            "hold the car still and arm() again; if it comes again, check the marks of the encoder "
+            "ring, [throttle] neutral_us, [pwm] oscillator_hz and the channels in the car's files",
             lambda f: f.moves_at_neutral),
     Refusal("ENCODER_LOST", "sensors", "edges were missing while the car drove",
             "check the gap from sensor to ring; turn a wheel by hand", lambda f: f.encoder_lost),

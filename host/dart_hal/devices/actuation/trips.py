@@ -28,8 +28,9 @@ TRIPS: dict[str, tuple[str, str]] = {
                 "check the Nano and its wiring; dart-hal doctor"),
     "MOVES_AT_NEUTRAL": ("the wheels turned faster while the throttle was neutral; servo and ESC "
                          "get no pulse since then",
-                         "was it pushed, or does it roll? else check [throttle] neutral_us, [pwm] "
-                         "oscillator_hz and the channels in the car's files"),
+                         "was it pushed, or does it roll? else check the marks of the encoder "
+                         "ring, [throttle] neutral_us, [pwm] oscillator_hz and the channels in "
+                         "the car's files"),
     "RC_LOST": ("the signal of the RC transmitter was lost while its driver drove",
                 "check its battery, its range and the wires of the receiver"),
     "RC_OVERRIDE": ("the driver of the RC transmitter took over during a calibration",
