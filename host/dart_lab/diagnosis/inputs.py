@@ -96,8 +96,9 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     notes += check_model(sets[0], p, policy)
     seconds = sum(map(driving_seconds, sets[0]))
     if seconds < policy.small_train_s:
+        more = "Record a minute or more" if test else "Record more, or another drive for --test"
         notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be found. "
-                     "Record a minute or more")
+                     f"{more}")
     notes += list_braked(sets[0])
     notes += list_excluded_effects(p)
     notes += state_fade_law(p, [*sets[0], *sets[1]])
