@@ -78,7 +78,7 @@ def test_error_of_a_frame_is_no_cause(refit):
     written, of_known = (extended_model(d, file, [train]) for d in (fitted, known))
     assert written.effects == (), "it is of these recordings, and not of the car"
     assert check_model(written, "written") == written, "nor in its covariance"
-    assert refit == ("joint" in written.covariance)
+    assert refit == ("diagnosis" in written.covariance)
     if not refit:
         assert "mocap_offset_x" in [e.name for e in of_known.effects]
         assert "mocap_offset_x" in [c.effect for c in known.causes]

@@ -315,7 +315,7 @@ def _find_claims(q: DiagnosisSetup, last: Point, final: FinalFit, losses: Record
         losses = RecordingLosses(q.test.evidence, last, settings.policy)
     linear = secants(q.train.evidence, last, ())
     groups = GroupFits(q.train.evidence, q.base, last, linear.unit, settings.known,
-                       settings.policy)
+                       settings.policy, settings.joint)
     return find_claims(ClaimInputs(groups, losses, linear, final, vehicle_for_log(q, final),
                                    settings.seed))
 

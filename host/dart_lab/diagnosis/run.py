@@ -42,6 +42,7 @@ from .result import Diagnosis
 from .search.forward import ForwardSearch, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
+from .write import DIAGNOSED
 
 # s of recordings, from which on windows do not overlap: cost
 MAX_OVERLAPPED_S = 300.0
@@ -72,7 +73,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     refit: estimate the parameters of the model before the search for effects, from their values in
     the file and within 3.5 of the standard errors there, and the sizes of the car that have a
     standard error in car.toml. Without it they keep their values, and an effect is accepted only
-    beyond what their standard errors explain. only: effects that may be accepted; () = all.
+    beyond what the errors explain that a diagnosis has stated for them together. only: effects that
+    may be accepted; () = all.
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
@@ -90,8 +92,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          remedy="leave out --no-refit, or leave out --out-predictor")
     policy = policy.at_scale(find_scale(vehicle.body))
     l_r = apply_parameter_effects(vehicle).body.l_r
-    stated = standard_errors(model)
-    known = stated if refit else {}
+    known = standard_errors(model) if refit else {}
     sizes, only = select_free_sizes(list_stated_errors(model) if refit else {}, only)
     files: dict[str, dict[str, Any]] = {}
     sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)
@@ -107,8 +108,9 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     settings = Settings(free=free, known=known, unbounded=tuple(sizes), names=tuple(only),
                         false_alarm=false_alarm, max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit,
-                        stated={} if refit else _select_stated(vehicle, stated),
-                        joint=model.covariance.get("joint"))
+                        joint=model.covariance.get("joint") if refit else None,
+                        stated={} if refit else _select_stated(vehicle, model),
+                        stated_together=model.covariance.get(DIAGNOSED))
 
     pace = ProgressEstimator(progress)
     for part in sets:
@@ -177,10 +179,16 @@ def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mo
                  if not (has_mocap and known) or name in known or value(vehicle, name) != 0.0)
 
 
-def _select_stated(vehicle: Vehicle, stated: Mapping[str, float]) -> dict[str, float]:
-    """Select the parameters with a standard error that a fit of all of them could move."""
+def _select_stated(vehicle: Vehicle, model: ModelFile) -> dict[str, float]:
+    """Return the standard errors of the parameters that a diagnosis has fitted together.
+
+    Not those of ``identify``: of few recordings they are so large that they explain any cause.
+    """
+    together = model.covariance.get(DIAGNOSED)
+    stated = standard_errors(model)
     free = _select_free_parameters(vehicle, stated, has_mocap=True)
-    return {name: std for name, std in stated.items() if name in free}
+    return {name: stated[name] for name in (together.names if together else ())
+            if name in stated and name in free}
 
 
 def _make_recording_set(role: str, recordings: Sequence[Recording], l_r: float,

@@ -23,6 +23,9 @@ from .frames import FRAME_EFFECTS
 from .result import Diagnosis
 from .servo import TYRE_CAUTION
 
+# Name of the covariance of the refitted parameters in the file.
+DIAGNOSED = "diagnosis"
+
 
 def write_model(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recording],
                 command: str = "") -> Path:
@@ -61,9 +64,9 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     # Offsets of a fitted marker frame are no part of the car, and not in its file.
     kept = [i for i, name in enumerate(names) if name in list_parameters(model)]
     std = np.array([stds[names[i]] for i in kept])
-    joint = Covariance(tuple(names[i] for i in kept),
-                       round_covariance(correlation[np.ix_(kept, kept)] * np.outer(std, std)))
-    return msgspec.structs.replace(model, covariance={**model.covariance, "joint": joint})
+    together = Covariance(tuple(names[i] for i in kept),
+                          round_covariance(correlation[np.ix_(kept, kept)] * np.outer(std, std)))
+    return msgspec.structs.replace(model, covariance={**model.covariance, DIAGNOSED: together})
 
 
 def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],

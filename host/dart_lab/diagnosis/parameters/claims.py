@@ -116,7 +116,7 @@ def _exceeds_stated_error(groups: GroupFits, part: GroupSet) -> bool:
     if any(abs(point.x[point.space.names.index(n)]) > stated for n in mine):
         return True
     x = np.array([point.x[point.space.names.index(n)] for n in known])
-    distance = float(x @ np.linalg.solve(point.space.stated_correlation(known), x))
+    distance = float(x @ np.linalg.solve(point.space.stated_correlation(known, groups.joint), x))
     return bool(distance > chdtri(len(known), 2.0 * ndtr(-stated)))
 
 

@@ -20,6 +20,7 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.core.config.model import Covariance
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import add_null_effects
 from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
@@ -57,14 +58,19 @@ class GroupFits:
     """
 
     def __init__(self, evidence: Evidence, base: Vehicle, full: Point, unit: IntArray,
-                 known: Mapping[str, float], policy: Policy) -> None:
-        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together."""
+                 known: Mapping[str, float], policy: Policy, joint: Covariance | None = None
+                 ) -> None:
+        """base: the model as given; full: the last fit; unit (N,): rows that are drawn together.
+
+        joint: covariance of parameters that the file of the model states.
+        """
         self.evidence = evidence
         self.base = base
         self.full = full
         self.unit = unit
         self.known = known
         self.policy = policy
+        self.joint = joint
         effects = {a.name for a in full.vehicle.effects} - {a.name for a in base.effects}
         self.free = tuple(n for n in full.space.names if n.partition(".")[0] not in effects)
         self._names = {g: group.select(self.free) for g, group in GROUPS.items()}
@@ -91,7 +97,7 @@ class GroupFits:
                           if any(n in self.names(g) for g in free) or not _has_group(n))
             vehicle = add_null_effects(self.base, p.effects)
             space = Space(vehicle, names, self.known, self.evidence.message_age, self.policy.prior,
-                          self.full.space.loose, joint=self.full.space.joint)
+                          self.full.space.loose)
             x = space.transfer(space.start(p, self.full.timing), self.full.space,
                                self._constrain(free))
             self._fits[free] = refit_reusing_jacobian(self.evidence, self.full.noise, space, x,

@@ -361,14 +361,14 @@ class ForwardSearch:
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
         return Space(add_null_effects(self.base, vehicle.effects), s.free, s.known,
-                     self._evidence.message_age, s.policy.prior, self._freed, fixed, s.joint)
+                     self._evidence.message_age, s.policy.prior, self._freed, fixed)
 
     def linearise_stated(self, evidence: Evidence, point: Point) -> StatedParameters:
         """Linearise a fit in the parameters that keep the values of the file."""
         s = self._settings
         names = tuple(s.stated)
         space = Space(point.vehicle, names, s.stated, evidence.message_age, s.policy.prior,
-                      fixed_effects=effect_names(point.vehicle), joint=s.joint)
+                      fixed_effects=effect_names(point.vehicle), joint=s.stated_together)
         n = len(names)
         if not n:
             return StatedParameters(np.zeros((len(point.residual), 0)), np.zeros((0, 0)))

@@ -31,8 +31,9 @@ class Settings:
     free: parameters of the base that are fitted. unbounded: those that may leave the standard
     errors of ``known`` at the price of their prior alone. refit: the effects of the base are fitted
     as well.
-    stated: standard errors of parameters that keep their values; none with a refit.
-    joint: covariance of parameters that the file of the model states; None: standard errors alone.
+    joint: covariance of parameters by a joint fit of the model; None: standard errors alone.
+    stated, stated_together: standard errors and covariance of parameters that keep their values, by
+    the diagnosis that fitted them; none with a refit.
     """
 
     free: tuple[str, ...] = ()
@@ -45,8 +46,9 @@ class Settings:
     seed: int = 0
     policy: Policy = USUAL
     refit: bool = True
-    stated: Mapping[str, float] = field(default_factory=dict)
     joint: Covariance | None = None
+    stated: Mapping[str, float] = field(default_factory=dict)
+    stated_together: Covariance | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,8 +117,7 @@ class Space:
                           for n in self.names])
         self.low = np.concatenate([np.maximum(self._inner.low, -reach), timing_low])
         self.high = np.concatenate([np.minimum(self._inner.high, reach), timing_high])
-        self.joint = joint
-        self.prior_precision = self._find_prior_precision(known)
+        self.prior_precision = self._find_prior_precision(known, joint)
 
     def __len__(self) -> int:
         return len(self.low)
@@ -128,7 +127,8 @@ class Space:
         return tuple(n for n, xi, low, high in zip(self.names, x, self.low, self.high, strict=False)
                      if believed in (-low, high) and believed - abs(xi) < BOUND_TOLERANCE)
 
-    def _find_prior_precision(self, known: Mapping[str, float]) -> FloatArray:
+    def _find_prior_precision(self, known: Mapping[str, float], joint: Covariance | None
+                              ) -> FloatArray:
         """Return the matrix P (k, k) of the prior's loss x^T P x.
 
         It is 1 for a parameter by itself, and the inverse of the stated correlations for known
@@ -139,12 +139,11 @@ class Space:
         out = np.diag(np.concatenate([np.ones(n), [
             (MESSAGE_AGE_REACH / MESSAGE_AGE_STD)**2, 0.0, 0.0,
             (GYRO_AGE_REACH / GYRO_AGE_STD)**2]]))
-        stated = [name for name in (self.joint.names if self.joint else ())
-                  if known.get(name, 0.0) > 0.0]
+        stated = [name for name in (joint.names if joint else ()) if known.get(name, 0.0) > 0.0]
         free = [name for name in stated if name in self.names]
         place = [self.names.index(name) for name in free]
         mine = [stated.index(name) for name in free]
-        precision = np.linalg.inv(self.stated_correlation(stated))
+        precision = np.linalg.inv(self.stated_correlation(stated, joint))
         out[np.ix_(place, place)] = precision[np.ix_(mine, mine)]
         return out
 
@@ -156,17 +155,17 @@ class Space:
         out[:n, :n] = np.linalg.cholesky(self.prior_precision[:n, :n]).T
         return out
 
-    def stated_correlation(self, names: Sequence[str]) -> FloatArray:
-        """Return the correlations (k, k) of coordinates that the file of the model states.
+    def stated_correlation(self, names: Sequence[str], joint: Covariance | None) -> FloatArray:
+        """Return the correlations (k, k) of coordinates by a covariance of their parameters.
 
-        0 where it states none; with ``CORRELATION_ERROR`` on the diagonal.
+        0 where it has none; with ``CORRELATION_ERROR`` on the diagonal.
         """
         out = (1.0 + CORRELATION_ERROR) * np.eye(len(names))
-        listed = self.joint.names if self.joint else ()
+        listed = joint.names if joint else ()
         shared = [i for i, name in enumerate(names) if name in listed]
-        if self.joint and shared:
+        if joint and shared:
             rows = [listed.index(names[i]) for i in shared]
-            covariance = np.array(self.joint.matrix)[np.ix_(rows, rows)]
+            covariance = np.array(joint.matrix)[np.ix_(rows, rows)]
             # A coordinate rises while a negative parameter falls.
             std = np.sqrt(np.diag(covariance)) * [
                 self._inner.directions.get(names[i], 1.0) for i in shared]
