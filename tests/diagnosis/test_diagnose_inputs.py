@@ -45,7 +45,7 @@ def test_stretches_in_which_the_esc_brakes_are_left_out_and_stated(drive):
     brakes = (messages.arrival > 20.0) & (messages.arrival < 24.0)
     braking = replace(drive, messages=replace(
         messages, throttle=np.where(brakes, -0.3, messages.throttle)))
-    word = "what the ESC does then is in no model"
+    word = "no model describes the brake of an ESC"
     for recording, stated in ((braking, True), (drive, False)):
         notes = check_inputs([recording], [other(recording)], PAPER).notes
         assert any(word in note for note in notes) == stated

@@ -109,8 +109,8 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
 def list_braked(train: Sequence[Recording]) -> list[str]:
     """Return a note of the share of commands with which the ESC brakes."""
     braked = np.concatenate([r.messages.throttle for r in train]) < MIN_FORWARD_THROTTLE
-    return [f"the throttle is below 0 in {braked.mean():.0%} of the commands: what the ESC does "
-            "then is in no model, so these stretches are left out"] if braked.any() else []
+    return [f"{braked.mean():.0%} of the commands are below 0: these stretches are left out, "
+            "because no model describes the brake of an ESC"] if braked.any() else []
 
 
 def list_excluded_effects(p: Vehicle) -> list[str]:

@@ -162,8 +162,8 @@ def _check_covariance(table: Covariance, key: str, model: ModelFile, origin: str
             matrix, matrix.T, rtol=MAX_ROUNDING_ERROR) or (
             n and np.linalg.eigvalsh(correlation).min() < -MAX_ROUNDING_ERROR):
         raise ConfigError(f"{origin}: {key}.matrix is no covariance", read=origin,
-                          found="a matrix that is not symmetric, or has a negative variance",
-                          expected="a symmetric matrix without negative eigenvalues",
+                          found="a matrix that is not symmetric or not positive semidefinite",
+                          expected="a symmetric, positive semidefinite matrix",
                           remedy=f"remove [{key}], or identify the model again")
 
 

@@ -164,7 +164,7 @@ def describe_parts(mounting: Mapping[str, Mapping[str, ParameterEstimate]]) -> t
     """Describe the effects of the written model that are parts of the car and no causes."""
     words = [f"{effect} {quantity(number)}" for effect, numbers in mounting.items()
              for number in numbers.values() if number.value != number.null]
-    return (f"the written model also has these parts of the car, which are no causes: "
+    return (f"a model that --out writes also has these parts of the car, which are no causes: "
             f"{', '.join(words)}",) if words else ()
 
 

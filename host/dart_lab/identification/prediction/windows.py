@@ -30,10 +30,11 @@ MIN_FOLLOWING = 220
 CLEAN_BEFORE = 8
 # [m/s] The dynamic model of a car of 1:10 is neither valid nor scored below it.
 MIN_WINDOW_SPEED = 0.3
-# Throttle below which the ESC brakes a car that rolls forward, or reverses. No model describes it.
+# Throttle below which the ESC brakes a car that rolls forward, which no model describes, or
+# reverses it, which an encoder without a sign does not show.
 MIN_FORWARD_THROTTLE = -0.01
-# [s] The brake acts on the car for so long after its command.
-BRAKE_MEMORY_S = 0.5
+# [s] The throttle acts on the car for so long after its command.
+THROTTLE_MEMORY = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ def find_windows(g: Grid, every: int = START_STRIDE, clean: int = CLEAN_SAMPLES,
 def is_forward(g: Grid, start: IntArray, length: int) -> BoolArray:
     """Return whether the throttle never brakes in each window (n,) of ``length`` samples."""
     brakes = np.concatenate([[0], np.cumsum(g.throttle < MIN_FORWARD_THROTTLE)])
-    first = np.maximum(start - round(BRAKE_MEMORY_S / SAMPLE), 0)
+    first = np.maximum(start - round(THROTTLE_MEMORY / SAMPLE), 0)
     return np.asarray(brakes[np.minimum(start + length, len(g))] == brakes[first])
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.scale import find_scale
+from dart_lab.identification.prediction.windows import THROTTLE_MEMORY
 from dart_lab.identification.submodels.guess import first_guess
-from dart_lab.identification.submodels.speeds import THROTTLE_MEMORY, Speeds
+from dart_lab.identification.submodels.speeds import Speeds
 from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, StraightFit, solve_straight
 from dart_lab.identification.submodels.stretches import (
     MIN_STRETCH_SAMPLES,

@@ -16,6 +16,7 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_reference
 from dart_lab.identification.prediction.commands import LoggedCommand, message_step, throttle_of
+from dart_lab.identification.prediction.windows import THROTTLE_MEMORY
 from dart_lab.identification.submodels.report import Ledger
 
 # [rad/s] of a car of 1:10. The steered wheels brake by l_r omega^2 = 0.024 m/s2 there.
@@ -26,8 +27,6 @@ MAX_STEERING = 0.25
 MIN_MOVING_SPEED = 0.08
 # [m/s2] Harder launches spin the wheels, and an error of the delay costs too much.
 MAX_ACCEL = 4.0
-# [s] Time that the throttle acts on a sample: it must not be negative in it.
-THROTTLE_MEMORY = 0.5
 # Samples of the mocap grid from one speed to the next: 0.1 s, the span of its derivative.
 MOCAP_STRIDE = 10
 # Samples of the shortest run.
