@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -41,6 +41,10 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.command)
+
+    def select(self, rows: BoolArray) -> Samples:
+        """Return the samples of ``rows`` (n,)."""
+        return Samples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def concatenate(parts: Sequence[Samples]) -> Samples:

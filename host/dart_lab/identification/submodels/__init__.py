@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dart_hal.car.runs import finer
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference
@@ -26,6 +28,9 @@ from dart_lab.identification.submodels.tyres import fit_tyres
 
 # friction, motor, steering, delay, tyres.
 SUBMODELS = tuple(PARAMETER_UNITS)
+# Parameters that determine the slip angle in front.
+STEERING_PARAMETERS = {"steering": tuple(PARAMETER_UNITS["steering"]),
+                       "delay": ("steering_s", "steering_lag_s")}
 
 __all__ = ["SUBMODELS", "fit_submodels"]
 
@@ -72,7 +77,9 @@ def fit_submodels(recordings: Sequence[Recording], names: Sequence[str] = SUBMOD
         fits["steering"] = fit_steering(recordings, reference, base, ledger)
     if "tyres" in names:
         report("tyres")
-        fits["tyres"] = fit_tyres(recordings, reference, base, fitted_car(base, fits), ledger)
+        car = fitted_car(base, fits)
+        variants = make_variants(car, fits)
+        fits["tyres"] = fit_tyres(recordings, reference, base, car, variants, ledger)
     return {n: fits[n] for n in names}, ledger.reports()
 
 
@@ -93,4 +100,25 @@ def fitted_car(base: Vehicle, fits: Mapping[str, SubmodelFit]) -> Vehicle:
         out = replace(out, steering=replace(out.steering, **fits["steering"].values()))
     if "delay" in fits and fits["delay"].sound:
         out = replace(out, delay=replace(out.delay, **fits["delay"].values()))
+    return out
+
+
+def make_variants(car: Vehicle, fits: Mapping[str, SubmodelFit]) -> list[Vehicle]:
+    """Return the car with each independent error of its fitted steering map and steering delay."""
+    out = []
+    for section, names in STEERING_PARAMETERS.items():
+        if section not in fits or not fits[section].sound:
+            continue
+        fit = fits[section]
+        values = getattr(car, section)
+        found = list(fit.parameters)
+        use = [i for i, name in enumerate(found)
+               if name in names and fit.parameters[name].identifiable]
+        variance, axes = np.linalg.eigh(fit.covariance[np.ix_(use, use)])
+        for error in (axes * np.sqrt(np.maximum(variance, 0.0))).T:
+            moved = {found[i]: getattr(values, found[i]) + float(e)
+                     for i, e in zip(use, error, strict=True)}
+            # A delay is not negative.
+            moved = {n: max(v, 0.0) if section == "delay" else v for n, v in moved.items()}
+            out.append(replace(car, **{section: replace(values, **moved)}))
     return out

@@ -27,8 +27,8 @@ from dart_lab.identification.submodels.speeds import MOCAP_STRIDE, mocap_grid
 
 # [m/s] of a car of 1:10.
 MIN_STEADY_SPEED = 0.3
-# [m/s2] Slip is not proportional to v^2 beyond it.
-MAX_STEADY_LATERAL = 2.0
+# [m/s2] Slip is not proportional to v^2 beyond it: half of what tyres hold on a slippery floor.
+MAX_STEADY_LATERAL = 1.4
 # [m/s2] Over 0.4 s.
 MAX_STEADY_ACCEL = 0.5
 # Samples of 0.1 s to each side of a difference.

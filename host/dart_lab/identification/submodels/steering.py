@@ -23,7 +23,7 @@ from dart_hal.calibration.steering_map import (
     coverage,
     fit_map,
 )
-from dart_hal.core.types import FloatArray
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
@@ -42,6 +42,8 @@ from dart_lab.identification.submodels.understeer import estimate_slip_with_prio
 MIN_SIDE_COMMAND = 0.3
 # Largest standard error over value of an identified parameter.
 MAX_MAP_RELATIVE_STD = {"k_left": 0.3, "a_left_rad": 0.2, "a_right_rad": 0.2, "k_right": 0.3}
+# Selections of samples by the fitted map, until all that remain are slow enough.
+MAX_SELECTIONS = 5
 # [command] The value of s0 may be 0.
 MAX_STD_S0 = 0.03
 
@@ -62,15 +64,23 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
         return make_unidentified("steering", base_values,
                                  [f"no recording turns at more than {least:.2g} m/s"])
     samples = concatenate([s for _, s, _ in parts])
-    why = _why_too_little(samples)
-    if why:
-        return make_unidentified("steering", base_values, [why], time.process_time() - begin)
     square = np.concatenate([q for _, _, q in parts])
     owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
-    slip = estimate_slip_with_prior(samples, square, owner, scale)
-    fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
-                     understeer=slip, robust=True)
-    notes = _notes(parts, samples, square, fitted.solution, slip)
+    for _ in range(MAX_SELECTIONS):
+        why = _why_too_little(samples)
+        if why:
+            return make_unidentified("steering", base_values, [why], time.process_time() - begin)
+        slip = estimate_slip_with_prior(samples, square, owner, scale)
+        fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
+                         understeer=slip, robust=True)
+        # A sample is selected by the lateral acceleration that its command leads to. By the
+        # measured one, a fast car counts only while it does not turn yet.
+        turn = np.abs(np.tan(fitted.angle(samples.command))) / base.body.wheelbase
+        slow = square * turn < MAX_STEADY_LATERAL
+        if slow.all():
+            break
+        samples, square, owner = samples.select(slow), square[slow], owner[slow]
+    notes = _notes([r for r, _, _ in parts], owner, samples, square, fitted.solution, slip)
     return _make_fit(samples, fitted, notes, time.process_time() - begin)
 
 
@@ -104,7 +114,7 @@ def _make_fit(samples: Samples, found: PaperMap, notes: list[str], cpu_s: float)
                        tuple(notes))
 
 
-def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samples,
+def _notes(recordings: Sequence[Recording], owner: IntArray, samples: Samples,
            square: FloatArray, s: Solution, slip: tuple[float, float]) -> list[str]:
     speed = np.sqrt(square)
     out = [f"commands {samples.command.min():+.2f} to {samples.command.max():+.2f} at "
@@ -115,9 +125,8 @@ def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samp
         if reach < MIN_SIDE_COMMAND:
             out.append(f"nothing beyond {reach:+.2f} on the {side}: its curve is the prior's")
     residual = -s.residual[:len(samples)]
-    ends = np.cumsum([len(part) for _, part, _ in parts])[:-1]
-    triples = [(r, part.command, rest) for (r, part, _), rest
-               in zip(parts, np.split(residual, ends), strict=True)]
+    triples = [(recording, samples.command[owner == i], residual[owner == i])
+               for i, recording in enumerate(recordings) if np.any(owner == i)]
     return [*out, *cautions(make_groups(triples))]
 
 

@@ -1,0 +1,101 @@
+"""Errors of ``identify all`` on simulated cars, in the standard errors that it states.
+
+    python -m studies.identification.coverage                     20 cars, two minutes of CPU
+    python -m studies.identification.coverage --cars 4 --first-seed 50
+
+Each car has other tyres, another steering map and other delays. It drives three minutes with
+commands that change all the time, seen by motion capture (``studies.diagnosis.hidden_drive``).
+Mass and yaw inertia are known. The table has the root mean square of (fitted - true) / standard
+error over the cars, once for all parameters and once for those that are stated as identified.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from dart_hal.recording.dart import Reference, read, with_marker_frames
+from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle
+from dart_lab.identification.fit import FittedParameter
+from dart_lab.identification.submodels import SUBMODELS, fit_submodels
+from studies.diagnosis import hidden_drive
+
+FRAME = Reference(hidden_drive.LX, hidden_drive.THETA, hidden_drive.LY, "known")
+FAST = (0.22, 0.42)
+"""Throttle while the car drives: from 1 to 3 m/s."""
+DRIVES = 3
+
+
+def draw_car(rng: np.random.Generator) -> Vehicle:
+    """Draw tyres of any shape, a steering map and delays around those of the paper's car."""
+    def vary(value: float, spread: float) -> float:
+        return value * float(np.exp(spread * rng.normal()))
+
+    t = PAPER.tyres
+    assert isinstance(t, PaperTyres)
+    s = PAPER.steering
+    return replace(
+        PAPER,
+        tyres=PaperTyres(front_D=vary(t.front_D, 0.25), front_C=float(rng.uniform(0.6, 1.6)),
+                         front_B=vary(12.0, 0.2), front_E=float(rng.uniform(-3.0, 0.8)),
+                         rear_cornering_stiffness=vary(t.rear_cornering_stiffness, 0.2)),
+        steering=Steering(k_left=vary(s.k_left, 0.05), a_left_rad=vary(s.a_left_rad, 0.05),
+                          s0=s.s0 + 0.02 * float(rng.normal()),
+                          a_right_rad=vary(s.a_right_rad, 0.05), k_right=vary(s.k_right, 0.05)),
+        delay=replace(PAPER.delay, throttle_s=0.02, throttle_lag_s=0.05,
+                      steering_s=float(rng.uniform(0.05, 0.1)),
+                      steering_lag_s=float(rng.uniform(0.04, 0.1))))
+
+
+def compare(seed: int) -> dict[str, tuple[float, bool]]:
+    """Identify one car; return (error in standard errors, identified) by parameter."""
+    car = draw_car(np.random.default_rng(seed))
+    plan = hidden_drive.Plan(seconds=60.0, fast=FAST)
+    with tempfile.TemporaryDirectory() as folder:
+        files = [hidden_drive.write(Path(folder) / f"drive_{i}.csv", car, 1000 * seed + i, plan)
+                 for i in range(DRIVES)]
+        recordings = with_marker_frames([read(f) for f in files], FRAME)
+        fits, _ = fit_submodels(recordings, base=replace(PAPER, body=car.body), reference=FRAME)
+    return {f"{name}.{key}": (_relative_error(p, float(getattr(getattr(car, name), key))),
+                              p.identifiable)
+            for name, fit in fits.items() for key, p in fit.parameters.items()}
+
+
+def _relative_error(parameter: FittedParameter, truth: float) -> float:
+    if not 0.0 < parameter.std < np.inf:
+        return float("nan")
+    return (parameter.value - truth) / parameter.std
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cars", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=0)
+    options = parser.parse_args()
+    found = [compare(options.first_seed + i) for i in range(options.cars)]
+    table = Table(title=f"{SUBMODELS} of {options.cars} cars")
+    for column in ("parameter", "rms, all", "identified", "rms of these", "largest"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
+    for name in found[0]:
+        z = np.array([car[name][0] for car in found])
+        known = np.array([car[name][1] for car in found])
+        table.add_row(name, _rms(z), f"{known.sum()} of {len(z)}", _rms(z[known]),
+                      f"{np.nanmax(np.abs(z)):.1f}" if np.isfinite(z).any() else "-")
+    Console().print(table)
+
+
+def _rms(z: np.ndarray) -> str:
+    finite = z[np.isfinite(z)]
+    return f"{np.sqrt(np.mean(finite**2)):.2f}" if len(finite) else "-"
+
+
+if __name__ == "__main__":
+    main()
