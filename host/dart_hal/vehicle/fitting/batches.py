@@ -13,16 +13,23 @@ from dart_hal.core.types import FloatArray
 NORMAL_90 = 1.6449
 
 
-def standard_error(means: FloatArray | Sequence[float]) -> FloatArray:
-    """Compute the standard error of the mean of ``means`` (n, ...).
+def student_factor(groups: int) -> float:
+    """Return by how much a standard error from the scatter of a few groups must be larger.
 
-    Each value is the mean of a batch that is longer than the correlation time of its samples. Few
-    batches estimate their own scatter poorly, so s / sqrt(n) is multiplied by the ratio of the
-    95 % quantiles of Student's t (n - 1 degrees of freedom) and the normal distribution: 1.11 for
-    n = 10, 1.30 for n = 5. 1.645 standard errors to each side then still contain 90 %.
+    Few groups estimate their own scatter poorly. The factor is the ratio of the 95 % quantiles of
+    Student's t (groups - 1 degrees of freedom) and the normal distribution: 3.8 for 2 groups, 1.30
+    for 5, 1.11 for 10. 1.645 standard errors to each side then still contain 90 %.
     """
     from scipy.special import stdtrit
 
+    return float(stdtrit(max(groups - 1, 1), 0.95)) / NORMAL_90
+
+
+def standard_error(means: FloatArray | Sequence[float]) -> FloatArray:
+    """Compute the standard error of the mean of ``means`` (n, ...).
+
+    Each value is the mean of a batch that is longer than the correlation time of its samples:
+    s / sqrt(n), times ``student_factor``.
+    """
     n = len(means)
-    student = stdtrit(n - 1, 0.95) / NORMAL_90
-    return np.asarray(student * np.std(means, axis=0, ddof=1) / math.sqrt(n))
+    return np.asarray(student_factor(n) * np.std(means, axis=0, ddof=1) / math.sqrt(n))

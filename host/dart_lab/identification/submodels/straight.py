@@ -20,6 +20,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
+from dart_hal.vehicle.fitting.batches import student_factor
 from dart_hal.vehicle.fitting.covariance import (
     collinearity,
     enclosing_covariance,
@@ -103,7 +104,7 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
     own = enclosing_covariance(leverage_covariance(solution, s.block), plain_covariance(solution))
     if session is not None:
         own = enclosing_covariance(own, leverage_covariance(solution, session))
-    covariance[np.ix_(rows, rows)] = own
+    covariance[np.ix_(rows, rows)] = own * student_factor(len(np.unique(s.block)))**2
     independent = np.ones(len(STRAIGHT_NAMES))
     independent[rows] = collinearity(solution)
     stopped = tuple(n for n, edge in zip(free, solution.at_bound, strict=True) if edge)
