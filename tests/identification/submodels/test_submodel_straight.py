@@ -253,6 +253,34 @@ def test_without_coasting_the_friction_is_not_reported(workshop, steps, lively):
 
 
 @pytest.mark.slow
+def test_errors_of_the_motor_contain_those_of_values_that_are_the_bases(workshop, steps, lively):
+    """A car with 2.5 times the friction of the base, or with another dead band, and no test of it.
+
+    Control: without the errors of what was held, g is more than five of its errors off.
+    """
+    rng = np.random.default_rng(7)
+    stiff = replace(lively, friction=replace(lively.friction, a=2.5 * lively.friction.a))
+    throttle = np.repeat(rng.uniform(0.28, 0.42, (4, 10)), 150, axis=1)
+    recordings = workshop.recordings(
+        workshop.drive(stiff, throttle, 0.0 * throttle, rng), 70, name="stiff")
+    motor = fit_submodels(recordings, ("motor",))[0]["motor"].parameters
+    assert all(abs(motor[n].value - TRUTH[n]) < 2.5 * motor[n].std for n in "deg")
+    series, _, x0 = prepared(recordings)
+    x0[:3] = [PAPER.friction.a, PAPER.friction.b, PAPER.friction.c]
+    parts = [d for s in series if (d := select_driven(s)) is not None]
+    exact = fit_motor(parts, np.zeros(len(parts), dtype=int), PAPER, x0, STRAIGHT_NAMES[3:],
+                      np.zeros((3, 3)), PAPER.body.mass)[0]
+    assert abs(exact.value("g") - TRUTH["g"]) > 5.0 * exact.std("g")
+
+    late = replace(lively, motor=replace(lively.motor, g=lively.motor.g + 0.05))
+    throttle = steps([0.3] * 4, rng)
+    recordings = workshop.recordings(
+        workshop.drive(late, throttle, 0.0 * throttle, rng), 71, name="band")
+    motor = fit_submodels(recordings, ("friction", "motor"))[0]["motor"].parameters
+    assert abs(motor["d"].value - TRUTH["d"]) < 2.5 * motor["d"].std
+
+
+@pytest.mark.slow
 def test_friction_alone_needs_only_the_coasting(sets):
     friction = fit_submodels(sets[0], ("friction",))[0]["friction"]
     for name in "ac":

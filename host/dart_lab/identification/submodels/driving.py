@@ -41,6 +41,8 @@ MIN_SESSION_DRIVEN = 30
 MIN_DRIVEN_SAMPLES = 30
 # Span of the throttle that identifies the dead band g; closer levels count as one.
 MIN_LEVEL_SPAN = 0.03
+# Standard error over value of a friction that is the base's: it may be that of another car.
+UNKNOWN_FRICTION_SHARE = 1.0
 MOTOR_NAMES = ("d", "e", "g")
 TIMING_NAMES = ("throttle_s", "throttle_lag_s")
 
@@ -128,7 +130,8 @@ def _fit_driven(series: Sequence[Speeds], sessions: Sequence[str], base: Vehicle
     start[fixed] = _base_values(base)[fixed]
     if coast is not None:
         start[:3] = coast.x[:3]
-    friction = np.zeros((3, 3)) if coast is None else coast.covariance[:3, :3]
+    friction = (np.diag((UNKNOWN_FRICTION_SHARE * start[:3])**2) if coast is None
+                else coast.covariance[:3, :3])
     fit, bands = fit_motor(used, np.array([names.index(n) for _, n in parts]), base, start, free,
                            friction, mass)
     if coast is not None:

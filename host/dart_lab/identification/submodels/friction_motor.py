@@ -8,7 +8,13 @@ from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.scale import find_scale
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.submodels.coasting import FRICTION_NAMES
-from dart_lab.identification.submodels.driving import MOTOR_NAMES, TIMING_NAMES, StraightDriving
+from dart_lab.identification.submodels.driving import (
+    MOTOR_NAMES,
+    TIMING_NAMES,
+    UNKNOWN_FRICTION_SHARE,
+    StraightDriving,
+)
+from dart_lab.identification.submodels.motor_fit import UNKNOWN_DEAD_BAND_STD
 from dart_lab.identification.submodels.report import PARAMETER_UNITS, make_unidentified
 from dart_lab.identification.submodels.speeds import MAX_STEERING, MAX_YAW_RATE
 from dart_lab.identification.submodels.straight import STRAIGHT_NAMES, StraightFit
@@ -49,6 +55,7 @@ def make_longitudinal_fit(submodel: str, d: StraightDriving, base: Vehicle, mass
     covariance = fit.covariance[np.ix_(rows, rows)].copy()
     for i, name in enumerate(names):
         if name in missing:
+            covariance[i, :] = covariance[:, i] = 0.0
             covariance[i, i] = np.inf
     estimates = {n: make_estimate(fit, n, PARAMETER_UNITS[submodel][n]) for n in names}
     return SubmodelFit(submodel, estimates, covariance, len(fit.residual), fit.rmse, "m/s",
@@ -75,10 +82,12 @@ def _notes(submodel: str, d: StraightDriving, fit: StraightFit, base: Vehicle,
                   if mass is None or not mass.std else f" +- {mass.std:g} kg, part of the errors"))
     if submodel == "motor":
         if "a" not in fit.free:
-            out.append("no coasting: friction held at the base's values")
+            out.append("no coasting: friction held at the base's values; errors of "
+                       f"{100.0 * UNKNOWN_FRICTION_SHARE:g} % of these are part of the motor's")
         if "g" not in fit.free:
             out.append(f"throttle levels span {d.level_span:.3f}: d, e and g cannot be "
-                       "separated, g held at the base's value")
+                       f"separated, g held at the base's value +- {UNKNOWN_DEAD_BAND_STD:g}, "
+                       "part of the errors")
         if TIMING_NAMES[0] in fit.free:
             out.append("fitted together with it, from the command itself: throttle delay "
                        f"{fit.value('throttle_s'):+.3f} +- {fit.std('throttle_s'):.3f} s, lag "

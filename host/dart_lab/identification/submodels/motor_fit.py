@@ -6,7 +6,8 @@ and the trim of the ESC. The mean of separate fits would not be on the valley. S
 1. Fit d, e and the timing common to all sessions, and one dead band g for each session.
 2. Average the dead bands: the result is the mean session, which is on the valley.
 3. Covariance: over blocks, over sessions left out one at a time, and by the spread of g.
-4. Propagate the covariance of the friction: dx/df = -(J' W J)^-1 J' W dr/df.
+4. Propagate the covariance of what was fixed, the friction f: dx/df = -(J' W J)^-1 J' W dr/df. A
+   dead band g that is not fitted is as uncertain as those of other cars.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ from dart_lab.identification.submodels.stretches import Stretches, cut_stretches
 HUBER_STDS = 1.345
 # Far more than convergence takes.
 MAX_REWEIGHTINGS = 30
+# [throttle] Standard error of a dead band that is the base's.
+UNKNOWN_DEAD_BAND_STD = 0.05
 # Leaving one of fewer sessions out has little information.
 MIN_SESSIONS = 3
 
@@ -95,12 +98,17 @@ def fit_motor(series: Sequence[Speeds], session: IntArray, base: Vehicle, x0: Fl
     names = [n for n in (*shared, "g") if n in free]
     x = x0.copy()
     x[[STRAIGHT_NAMES.index(n) for n in names]] = mean @ solution.x
-    # Response of the fit to the friction, which was fixed.
-    in_friction = make_problem(series, s, base, x, FRICTION_NAMES, mass, group)
-    slopes = sensitivity(in_friction, np.concatenate([x[:3], solution.x[k:]]), starts,
+    # Response of the fit to what was fixed.
+    fixed = FRICTION_NAMES if "g" in free else (*FRICTION_NAMES, "g")
+    fixed_rows = [STRAIGHT_NAMES.index(n) for n in fixed]
+    fixed_covariance = np.diag([0.0] * 3 + [UNKNOWN_DEAD_BAND_STD**2] * (len(fixed) - 3))
+    fixed_covariance[:3, :3] = friction
+    in_fixed = make_problem(series, s, base, x, fixed, mass, group)
+    slopes = sensitivity(in_fixed, np.concatenate([x[fixed_rows], solution.x[k:]]), starts,
                          solution.weight)
-    response = mean @ _response(solution, slopes[:, :3])
-    return _make_fit(solution, x, names, own, response, friction, k), bands
+    response = mean @ _response(solution, slopes[:, :len(fixed)])
+    covariance = _join_covariances(names, own, fixed, fixed_covariance, response)
+    return _make_fit(solution, x, names, covariance, k), bands
 
 
 def _response(solution: Solution, change: FloatArray) -> FloatArray:
@@ -159,15 +167,27 @@ def _jackknife_covariance(solution: Solution, k: int, bands: DeadBands,
     return np.asarray(out)
 
 
-def _make_fit(solution: Solution, x: FloatArray, names: Sequence[str], own: FloatArray,
-              response: FloatArray, friction: FloatArray, k: int) -> StraightFit:
-    """Return the fit in the order of STRAIGHT_NAMES, with the covariance of the friction."""
+def _join_covariances(names: Sequence[str], own: FloatArray, fixed: Sequence[str],
+                      fixed_covariance: FloatArray, response: FloatArray) -> FloatArray:
+    """Return the covariance (8, 8) in the order of STRAIGHT_NAMES.
+
+    own (k, k): of the fitted ``names`` for exact ``fixed`` parameters, whose covariance is (f, f);
+    response (k, f): of the fitted to the fixed.
+    """
     rows = [STRAIGHT_NAMES.index(n) for n in names]
-    covariance = np.zeros((len(STRAIGHT_NAMES), len(STRAIGHT_NAMES)))
-    covariance[:3, :3] = friction
-    covariance[np.ix_(rows, rows)] = own + response @ friction @ response.T
-    covariance[np.ix_(rows, [0, 1, 2])] = response @ friction
-    covariance[np.ix_([0, 1, 2], rows)] = friction @ response.T
+    fixed_rows = [STRAIGHT_NAMES.index(n) for n in fixed]
+    out = np.zeros((len(STRAIGHT_NAMES), len(STRAIGHT_NAMES)))
+    out[np.ix_(fixed_rows, fixed_rows)] = fixed_covariance
+    out[np.ix_(rows, rows)] = own + response @ fixed_covariance @ response.T
+    out[np.ix_(rows, fixed_rows)] = response @ fixed_covariance
+    out[np.ix_(fixed_rows, rows)] = fixed_covariance @ response.T
+    return out
+
+
+def _make_fit(solution: Solution, x: FloatArray, names: Sequence[str], covariance: FloatArray,
+              k: int) -> StraightFit:
+    """Return the fit in the order of STRAIGHT_NAMES."""
+    rows = [STRAIGHT_NAMES.index(n) for n in names]
     jacobian = solution.jacobian
     if "g" in names:
         jacobian = np.column_stack([jacobian[:, :k], jacobian[:, k:].sum(axis=1)])

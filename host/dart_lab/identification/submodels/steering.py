@@ -25,7 +25,7 @@ from dart_hal.calibration.steering_map import (
 )
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle import Vehicle, make_steering
 from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
 from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.scale import find_scale
@@ -73,10 +73,12 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
         slip = estimate_slip_with_prior(samples, square, owner, scale)
         fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
                          understeer=slip, robust=True)
-        # A sample is selected by the lateral acceleration that its command leads to. By the
-        # measured one, a fast car counts only while it does not turn yet.
-        turn = np.abs(np.tan(fitted.angle(samples.command))) / base.body.wheelbase
-        slow = square * turn < MAX_STEADY_LATERAL
+        # A sample is selected by the lateral acceleration that its command leads to, by the base's
+        # map and by the fitted one. By the measured one, a fast car counts only while it does not
+        # turn yet.
+        angle = np.maximum(np.abs(fitted.angle(samples.command)),
+                           np.abs(make_steering(base.steering, np)(samples.command)))
+        slow = square * np.tan(angle) / base.body.wheelbase < MAX_STEADY_LATERAL
         if slow.all():
             break
         samples, square, owner = samples.select(slow), square[slow], owner[slow]

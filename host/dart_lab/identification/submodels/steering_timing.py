@@ -148,9 +148,9 @@ def _notes(series: Sequence[YawResponse], total: tuple[Solution, FloatArray],
            f"pure delay {total[0].x[0]:.3f} +- {np.sqrt(total[1][0, 0]):.3f} s; as delay and lag "
            f"{joint[0].x[0]:.3f} +- "
            f"{std[0]:.3f} and {joint[0].x[1]:.3f} +- {std[1]:.3f} s",
-           f"{yaw:.3f} s of the car's own yaw motion subtracted (the base's tyres); "
-           f"{SYSTEMATIC_TIME_STD[0]:g} s of the delay's error and {SYSTEMATIC_TIME_STD[1]:g} s of the "
-           "lag's are the uncertainty of that"]
+           f"{yaw:.3f} s of the car's own yaw motion subtracted (the base's tyres): "
+           f"{SYSTEMATIC_TIME_STD[0]:g} s of the delay's error and "
+           f"{SYSTEMATIC_TIME_STD[1]:g} s of the lag's"]
     # In an own run every value has its own time; other logs only have that of the message.
     if any(s.source == "gyro" for s in series):
         out.append("gyro: the age of a message (0 to 0.1 s) is in these values")
