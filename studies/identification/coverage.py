@@ -1,13 +1,15 @@
-"""Errors of ``identify all`` on simulated cars, in the standard errors that it states.
+"""Errors of ``identify all``, with and without ``--joint``, in the standard errors that it states.
 
     python -m studies.identification.coverage                     20 cars, two minutes of CPU
     python -m studies.identification.coverage --cars 4 --first-seed 50
-    python -m studies.identification.coverage --any-car           another body, grip, motor, friction
+    python -m studies.identification.coverage --any-car           another body, grip, motor
+    python -m studies.identification.coverage --joint             all in one fit
 
-Each car has other tyres, another steering map and other delays than the base, the paper's car. It
-drives three minutes with commands that change all the time, seen by motion capture
-(``studies.diagnosis.hidden_drive``). Mass and yaw inertia are known. The table has the root mean square of (fitted - true) / standard
-error over the cars, once for all parameters and once for those that are stated as identified.
+Each simulated car has other tyres, another steering map and other delays than the base, the paper's
+car. It drives three minutes with commands that change all the time, seen by motion capture
+(``studies.diagnosis.hidden_drive``). Mass and yaw inertia are known. The table has the root mean
+square of (fitted - true) / standard error over the cars, once for all parameters and once for those
+that are stated as identified.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from rich.table import Table
 from dart_hal.recording.dart import Reference, read, with_marker_frames
 from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle
 from dart_lab.identification.fit import FittedParameter
+from dart_lab.identification.shooting import fit_from_recordings
 from dart_lab.identification.submodels import SUBMODELS, fit_submodels
 from studies.diagnosis import hidden_drive
 
@@ -82,7 +85,7 @@ def draw_any_car(rng: np.random.Generator) -> Vehicle:
         friction=replace(car.friction, a=vary(car.friction.a, 0.4), c=vary(car.friction.c, 0.4)))
 
 
-def compare(seed: int, any_car: bool) -> dict[str, tuple[float, bool]]:
+def compare(seed: int, any_car: bool, joint: bool) -> dict[str, tuple[float, bool]]:
     """Identify one car; return (error in standard errors, identified) by parameter."""
     car = (draw_any_car if any_car else draw_car)(np.random.default_rng(seed))
     plan = hidden_drive.Plan(seconds=60.0, fast=FAST)
@@ -90,7 +93,9 @@ def compare(seed: int, any_car: bool) -> dict[str, tuple[float, bool]]:
         files = [hidden_drive.write(Path(folder) / f"drive_{i}.csv", car, 1000 * seed + i, plan)
                  for i in range(DRIVES)]
         recordings = with_marker_frames([read(f) for f in files], FRAME)
-        fits, _ = fit_submodels(recordings, base=replace(PAPER, body=car.body), reference=FRAME)
+        base = replace(PAPER, body=car.body)
+        fits = (fit_from_recordings(recordings, base, reference=FRAME)[0].fits if joint
+                else fit_submodels(recordings, base=base, reference=FRAME)[0])
     out = {}
     for name, fit in fits.items():
         for key, parameter in fit.parameters.items():
@@ -112,9 +117,11 @@ def main() -> None:
     parser.add_argument("--cars", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--any-car", action="store_true")
+    parser.add_argument("--joint", action="store_true")
     options = parser.parse_args()
-    found = [compare(options.first_seed + i, options.any_car) for i in range(options.cars)]
-    table = Table(title=f"{SUBMODELS} of {options.cars} cars")
+    found = [compare(options.first_seed + i, options.any_car, options.joint)
+             for i in range(options.cars)]
+    table = Table(title=f"{', '.join(SUBMODELS)} of {options.cars} cars")
     for column in ("parameter", "rms, all", "identified", "rms of these", "largest"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     for name in found[0]:
