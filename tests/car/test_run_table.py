@@ -56,6 +56,24 @@ def test_what_was_logged_is_in_the_row_of_its_state_alone(run):
     assert not there[:10].any(), "nothing is put where nothing was logged"
 
 
+def test_poses_of_the_room_are_columns_where_there_is_a_source(run, tmp_path):
+    path = tmp_path / "room.mcap"
+    states = []
+    with Car.open("sim://?seed=3&nano=mock&mocap=1", record=path) as car:
+        car.on_state(states.append)
+        list(car.states(duration=0.5))
+    last = states[-1].external.estimate.pose
+    columns = read_table(path).columns
+    assert [columns[f"room_{key}"][-1] for key in ("x", "y", "yaw")] == [last.x, last.y, last.yaw]
+    assert "room_x" not in read_table(run[0]).columns
+
+
+def test_no_duration_has_no_state():
+    with Car.open("sim://?seed=3&nano=mock") as car:
+        assert list(car.states(duration=0.0)) == []
+        assert len(list(car.states(duration=0.02))) == 2
+
+
 def test_every_column_has_a_unit(run):
     table = read_table(run[0])
     assert list(table.units) == list(table.columns)

@@ -176,7 +176,8 @@ def test_output_of_long_work_is_refused_before_it(verb, tmp_path, line):
 
 def test_what_is_replaced_is_named(verb, tmp_path):
     (tmp_path / "a.csv").write_text("old")
-    assert "a.csv is replaced" in verb("replay", "none.mcap", "--out", "a.csv").err
+    error = verb("replay", "none.mcap", "--out", "a.csv").err
+    assert "a.csv exists: it is replaced if the command succeeds" in error
     assert "is replaced" not in verb("replay", "none.mcap", "--out", "b.csv").err
     assert (tmp_path / "a.csv").read_text() == "old"  # nothing was written
 

@@ -307,6 +307,8 @@ class Car:
         """
         check_times(duration=duration, timeout=timeout)
         check_every(every)
+        if duration == 0.0:
+            return
         start: float | None = None
         self._timer.begin()
         while True:

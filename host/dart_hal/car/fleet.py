@@ -145,6 +145,8 @@ class Fleet:
             >>> len(states)
             2
         """
+        if duration == 0.0:
+            return
         streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
         try:
             now = [next(stream) for stream in streams]

@@ -33,6 +33,12 @@ def _names(values: Iterable[object]) -> str:
     return "|".join(sorted(map(str, values)))
 
 
+def _room_value(state: State, key: str) -> float | None:
+    """Return x, y or yaw of the rear axle by external poses; None before the first."""
+    estimate = state.external.estimate if state.external is not None else None
+    return None if estimate is None else float(getattr(estimate.pose, key))
+
+
 # Columns by name. Of several commands or logged values within one row the latest counts.
 TABLE_COLUMNS = {
     "t": TableColumn("s", lambda s: s.t, "time of the sample, in the car's clock"),
@@ -57,11 +63,19 @@ TABLE_COLUMNS = {
     "doubts": TableColumn("", lambda s: _names(s.health.doubts), "what is known against it, by |"),
     "lost": TableColumn("", lambda s: s.health.lost, "frames lost since the opening"),
     "battery": TableColumn("V", lambda s: s.battery, "voltage; no column without a sensor"),
+    "room_x": TableColumn("m", lambda s: _room_value(s, "x"),
+                          "of the rear axle, by external poses; no column without a source"),
+    "room_y": TableColumn("m", lambda s: _room_value(s, "y"),
+                          "of the rear axle, by external poses; no column without a source"),
+    "room_yaw": TableColumn("rad", lambda s: _room_value(s, "yaw"),
+                            "heading, by external poses; no column without a source"),
     "command_steering": TableColumn("rad", lambda s: None,
                                     "command before the next row, else NaN"),
     "command_throttle": TableColumn("", lambda s: None, "command before the next row, else NaN"),
 }
 
+# Columns that are left out of a run in which they have no value.
+OPTIONAL_COLUMNS = ("battery", "room_x", "room_y", "room_yaw")
 _INTEGER_COLUMNS = ("seq", "ticks", "lost")
 _TEXT_COLUMNS = ("limited", "flags", "doubts")
 
@@ -101,8 +115,9 @@ def read_table(path: Path | str) -> RunTable:
         damaged = car.timing.damaged
     columns = {name: _column(name, [column.of(s) for s in states])
                for name, column in TABLE_COLUMNS.items()}
-    if np.isnan(columns["battery"]).all():
-        del columns["battery"]
+    for name in OPTIONAL_COLUMNS:
+        if np.isnan(columns[name]).all():
+            del columns[name]
     for command in run.commands():
         if (row := _row(columns["t"], command.t)) >= 0:
             columns["command_steering"][row] = command.steering

@@ -49,7 +49,7 @@ class OutputFile(click.Path):
                 raise FileTrouble(f"{path} cannot be replaced", found="a read-only file",
                                   read=str(path), remedy="name another file")
             if self.replaces:
-                show_notices((f"{path} is replaced",))
+                show_notices((f"{path} exists: it is replaced if the command succeeds",))
         return path
 
 
