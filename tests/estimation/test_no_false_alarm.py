@@ -16,6 +16,8 @@ SLIDES = {"81_drifting_tapes_and_tiles/"
 """The car is at full throttle across its direction: the wheels do not measure its motion."""
 DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
 """Motion capture shows up to 0.43 m/s, the encoder stays at zero."""
+JUMPS = {"60_racetrack_lap_v_060/racetrack_lap_v060.csv"}
+"""Two samples of its motion capture, 0.15 s apart, have another yaw than their neighbours."""
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -44,9 +46,10 @@ def test_a_recorded_dead_encoder_is_found(recordings):
 
 
 @pytest.mark.long
-def test_only_recordings_of_a_dead_encoder_and_of_drifting_are_doubted(recordings):
+def test_only_recordings_of_a_dead_encoder_of_drifting_and_of_jumps_are_doubted(recordings):
     found: dict[str, set[str]] = {}
     for path in sorted(recordings.rglob("*.csv")):
         found |= collect_doubts(path)
-    assert set(found) == SLIDES | DEAD
+    assert set(found) == SLIDES | DEAD | JUMPS
+    assert found[next(iter(JUMPS))] == {"SAMPLES_JUMPED"}
     assert "ENCODER_LOW" in found[next(iter(SLIDES))], "the wheels are across the direction"

@@ -90,6 +90,7 @@ class Telemetry:
         self._filters = tuple(SingleSampleFilter(jump) for jump in (
             MIN_RATE_JUMP, MIN_ACCELERATION_JUMP, MIN_ACCELERATION_JUMP))
         self._jumped = 0
+        self._jumps = 0
         self._jumped_until = 0.0
         self._last_jump = -inf
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
@@ -257,14 +258,16 @@ class Telemetry:
         x = x_filter.add(sample.imu_t, acc[0], sample.imu_t)
         y = y_filter.add(sample.imu_t, acc[1], sample.imu_t)
         # Count replaced samples; report those that repeat within JUMP_REPORT_TIME.
-        # A pair of accelerations is no fault: a pulse of the ESC's brake lasts 20 ms.
-        jumped = sum(channel.rejected for channel in self._filters) + rate_filter.pairs
-        if jumped > self._jumped:
-            several = jumped > self._jumped + 1
+        # A pair of accelerations is no fault: a pulse of the ESC's brake lasts 20 ms. Nor is one
+        # sample across the car: at a step of the steering the IMU is ahead of the centre of turn.
+        jumps = rate_filter.rejected + rate_filter.pairs + x_filter.rejected
+        if jumps > self._jumps:
+            several = jumps > self._jumps + 1
             if several or sample.t_dev - self._last_jump < JUMP_REPORT_TIME:
                 self._jumped_until = sample.t_dev + JUMP_REPORT_TIME
-            self._jumped = jumped
+            self._jumps = jumps
             self._last_jump = sample.t_dev
+        self._jumped = jumps + y_filter.rejected
         # Add the change of a sample that was withheld before.
         late = x.withheld_sample[1] - self._along if x.withheld_sample else 0.0
         self._along = x.value
