@@ -52,6 +52,7 @@ def test_they_decode_every_message_of_a_recording(node, tmp_path):
 
 def test_their_client_sees_every_channel(node, serving):
     with serving() as driven:
+        driven.car.on_state(lambda state: driven.car.drive(steering=0.0))
         received = node("watch.mjs", f"ws://localhost:{driven.server.port}")
     assert {"/rx", "/tx", "/odom", "/imu", "/drive", "/applied",
             "/command"} == set(received["counts"])
