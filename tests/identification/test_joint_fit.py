@@ -60,7 +60,7 @@ def test_every_parameter_lies_within_its_interval(joint):
                         if e.identifiable]
     # the motor's d is not among them: with throttles of 0.2 to 0.32 alone its loss at two standard
     # errors is no parabola, as onset and friction take its place
-    assert {"a_left_rad", "s0", "steering_s",
+    assert {"a_left_rad", "s0", "steering_s", "front_D",
             "rear_cornering_stiffness"} <= set(identified_names)
 
 

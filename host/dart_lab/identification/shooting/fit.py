@@ -50,24 +50,24 @@ from .problem import (
 )
 
 # Free parameters of each sub-model. Mass and inertia are never free (a fit shrinks them to mimic
-# noise). C and E of a tyre are confounded with D and B below the grip limit. With these two fixed,
-# D was up to 73 standard errors off on cars with tyres of another shape.
+# noise). Of the front tyre two of four are, because C and E are confounded with D below the grip
+# limit.
 FREE = {
     "friction": ("a", "b", "c"),
     "motor": ("d", "e", "g"),
     "steering": ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right"),
     "delay": ("steering_s", "throttle_s", "steering_lag_s", "throttle_lag_s"),
-    "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness"),
+    "tyres": ("front_D", "front_B", "rear_cornering_stiffness"),
 }
+TYRE_NOTES = ("caution: D and B of the tyres hold for the base's C and E; of a tyre of another "
+              "shape only the curve is right, and D is off by many of its errors",)
 # Nuisance parameters: free within their standard error where that is known, and no result. Forces
 # are only known as well as the mass, tyres as the inertia, timing as slew and play of the steering,
 # and the steering map as the wheelbase.
 NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_backlash.k",
             "body.wheelbase", "body.l_f", "body.l_r")
 SPEED_LOOP_NAMES = ("gain", "max_force")
-AXLE_TYRE_NAMES = ("front_D", "front_C", "front_B", "rear_D", "rear_C", "rear_B")
-# Parameters whose physical bound is a valid result.
-TYRE_SHAPE_NAMES = ("front_C", "front_E", "rear_C")
+AXLE_TYRE_NAMES = ("front_D", "front_B", "rear_D", "rear_B")
 # [m/s, m/s, rad/s] Typical errors of a first model of a car of 1:10 after one second.
 FIRST_ERRORS = (0.15, 0.05, 0.4)
 # [typical errors] Larger residuals count less than their square.
@@ -88,11 +88,6 @@ MAX_IDENTIFIED_STD = 1.0 / 3.0
 # Read-outs of one window and windows of one block are correlated. So the prior is weighed against
 # a block of n residuals, and not against each of them: its scale is n^-1/2.
 PRIOR_SCALE = (len(READ_TIMES) * BLOCK_DURATION / START_INTERVAL)**-0.5
-# Errors that the residuals do not show, from simulated cars with other tyres and delays: relative
-# ones of the tyres, and the time [s] by which delay and lag of the steering replace each other.
-TYRE_SYSTEMATIC_SHARES = {"front_D": 0.015, "front_B": 0.015, "front_C": 0.05, "rear_D": 0.015,
-                          "rear_B": 0.015, "rear_C": 0.05, "rear_cornering_stiffness": 0.015}
-SYSTEMATIC_EXCHANGE_S = 7e-3
 # The second pass has the residual sizes of the first.
 PASSES = 2
 
@@ -157,8 +152,8 @@ def fit_jointly(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str
     relative = _covariance(data, problem) + fixed_value_covariance(
         data, _fixed_value_columns(problem, names, data, space, scale), prior=PRIOR_SCALE**-2)
     slope = space.slope(x)
+    covariance = relative * np.outer(slope, slope)
     vehicle = space.vehicle(x)
-    covariance = relative * np.outer(slope, slope) + _systematic_covariance(names, vehicle)
     # 3. Which parameters the data identify.
     std = np.sqrt(np.diag(relative))
     without_prior = 1.0 / np.sqrt(np.maximum(std**-2 - 1.0, np.finfo(float).tiny))
@@ -317,15 +312,6 @@ def _fixed_value_columns(problem: ShootingProblem, names: tuple[str, ...], data:
     return np.stack(columns, axis=1)
 
 
-def _systematic_covariance(names: tuple[str, ...], vehicle: Vehicle) -> FloatArray:
-    """Return the covariance (k, k) of errors that the residuals do not show."""
-    sizes = [TYRE_SYSTEMATIC_SHARES.get(name.removeprefix("tyres."), 0.0)
-             * float(value(vehicle, name)) for name in names]
-    exchange = np.array([{"delay.steering_s": 1.0, "delay.steering_lag_s": -1.0}.get(name, 0.0)
-                         for name in names]) * SYSTEMATIC_EXCHANGE_S
-    return np.asarray(np.diag(np.square(sizes)) + np.outer(exchange, exchange))
-
-
 def _typical_size(error: FloatArray) -> FloatArray:
     """Return the robust scale (len(READ_TIMES), 3, 1) of the errors (len(READ_TIMES), 3, n)."""
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(error), axis=2, keepdims=True) + 1e-6)
@@ -354,10 +340,10 @@ def _extract_submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covar
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
         bool(identified[i]) and (name != "delay" or float(std[i]) < MAX_TIME_STD)) for i in mine}
     # A delay or lag of 0 is a valid result and not a bound that the fit hit; the upper bound is.
-    stopped = tuple(key for i in mine if data.at_bound[i]
-                    and (key := names[i].partition(".")[2]) not in TYRE_SHAPE_NAMES
-                    and (name != "delay" or value(vehicle, names[i]) > BOUND_TOLERANCE))
+    stopped = tuple(names[i].partition(".")[2] for i in mine
+                    if data.at_bound[i] and (
+                        name != "delay" or value(vehicle, names[i]) > BOUND_TOLERANCE))
     return SubmodelFit(name, estimates, covariance[np.ix_(mine, mine)], len(data.residual),
                        data.rmse, "typical error", data.converged, stopped, cpu,
-                       (note,
+                       (note, *(TYRE_NOTES if name == "tyres" else ()),
                         "one fit of all: its covariance across the sub-models is in the file"))
