@@ -7,7 +7,7 @@ from math import atan, inf, nan, pi
 import numpy as np
 import pytest
 
-from dart_hal.car import Car
+from dart_hal.car import Car, obstacle_guard
 from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, distance_to_front
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
@@ -109,6 +109,34 @@ def test_raw_pulses_are_withheld_too():
             limited = car.pulses(steering_us=1500.0, throttle_us=1560.0).limited
     assert "OBSTACLE" in limited
     assert max(watched) < NEUTRAL_US + NEUTRAL_TOLERANCE_US
+
+
+def nearest_echo_at_rest(seed, speed):
+    """Distance [m] from the front to the nearest echo ahead, of a car that was not calibrated."""
+    url = f"sim://?seed={seed}&nano=mock&lidar=1&map=room"
+    with Car.open(url, guard_distance=GUARD_DISTANCE) as car:
+        car.arm()
+        for state in car.states(duration=6.0):
+            car.drive_speed(steering=0.0, speed=speed)
+        assert abs(state.speed) < 0.05
+        x, y = state.scan.in_car().T
+        front = distance_to_front(car.files.config.geometry)
+        return float(np.min(x[(np.abs(y) < 0.13) & (x > 0.13)])) - front
+
+
+@pytest.mark.slow
+def test_a_car_that_still_accelerates_and_turns_stops_before_the_wall():
+    """Its motor lags, it rolls far, and its wheels are not straight at steering 0."""
+    assert min(nearest_echo_at_rest(seed, 2.0) for seed in (2, 4, 5)) > 0.1
+
+
+@pytest.mark.slow
+def test_control_the_distance_of_rolling_out_alone_is_too_short(monkeypatch):
+    monkeypatch.setattr(obstacle_guard, "MOTOR_TIME", 1e-9)
+    monkeypatch.setattr(obstacle_guard, "MAX_GROWTH", 0.0)
+    monkeypatch.setattr(obstacle_guard, "GUARD_DECELERATION", 0.8)
+    monkeypatch.setattr(obstacle_guard, "MIN_TURNING_SPEED", inf)
+    assert nearest_echo_at_rest(4, 2.0) < 0.05
 
 
 @pytest.mark.parametrize("distance", [0.0, -0.1, nan, inf, 9.0, "0.3", True])

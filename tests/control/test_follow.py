@@ -163,6 +163,23 @@ def test_the_speed_may_be_changed_on_the_way():
     assert rows[(rows[:, 0] > 2.6) & (rows[:, 1] < 3.5), 4].mean() == pytest.approx(0.5, abs=0.05)
 
 
+@pytest.mark.parametrize("cap", [float("nan"), -0.1, "1", None, True])
+def test_what_is_no_speed_limit_is_refused_at_any_time(cap):
+    follower = Follower(LONG, PLANT, 0.5)
+    with pytest.raises(UsageError, match="cap is no speed limit"):
+        follower.cap = cap
+    assert follower.cap == 0.5
+    with pytest.raises(UsageError, match="cap is no speed limit"):
+        Follower(LONG, PLANT, cap)
+
+
+@pytest.mark.parametrize("rules", [{"lane": -1.0}, {"lane": float("nan")}, {"laps": 0},
+                                   {"laps": -1}, {"duration": float("nan")}, {"duration": "3"}])
+def test_rules_that_are_none_are_refused(rules):
+    with pytest.raises(UsageError, match="of the rules is not above 0"):
+        Rules(**rules)
+
+
 @pytest.mark.slow
 def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
     """Longer than a car may rest when it is commanded to drive."""

@@ -109,6 +109,11 @@ def test_a_file_with_speeds(tmp_path):
     ("x,y\n1,2\n2\n3,3\n", "line 3: y is no number"),
     ("x,y\n1,2\n2,2\n2,2\n3,1\n", "points 2 and 3 of the path are the same"),
     ("x,y,speed\n1,2,1\n2,2,0\n3,2,1\n", "line 3: speed is no number"),
+    ("x,y,Speed\n1,2,1\n2,2,1\n3,2,1\n", "column Speed looks like a speed"),
+    ("x,y,v\n1,2,1\n2,2,1\n3,2,1\n", "column v looks like a speed"),
+    ("x,y,speed_kmh\n1,2,1\n2,2,1\n3,2,1\n", "column speed_kmh looks like a speed"),
+    ("x,y\n0,0\n1,0\n0,0\n", "the path turns back at point 2"),
+    ("x,y\n0,0\n1,0\n2,0\n1,0.0001\n0,0\n", "the path turns back at point 3"),
 ])
 def test_what_is_no_path(tmp_path, text, match):
     file = written(tmp_path, text)

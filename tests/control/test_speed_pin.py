@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.control import loop
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -86,3 +87,39 @@ def test_a_loop_that_holds_a_remnant_is_detected(monkeypatch):
     monkeypatch.setattr(SpeedLoop, "throttle", leaking)
     with pytest.raises(AssertionError):
         nothing_drives_forward(pulses(lambda t: 0.0))
+
+
+def largest_pulse_after_failure(failure, seed):
+    """(largest pulse before, after) a failure of the encoder at 3 s [us from neutral]."""
+    backend = open_backend(f"sim://?nano=mock&seed={seed}&fail={failure}@3s")
+    world = world_of(backend)
+    widths = []
+    world.watchers.append(lambda channel, pulse: widths.append(
+        (pulse[1], (pulse[1] - pulse[0]) * 1e6 - NEUTRAL_US)) if channel == 1 else None)
+    with Car.over(backend) as car:
+        car.arm()
+        begin = world.t
+        for state in car.states(duration=5.0):
+            applied = car.drive_speed(steering=0.0, speed=1.0)
+        # The State tells the reason, too.
+        assert "ENCODER_DOUBTED" in applied.limited
+        assert "ENCODER_DOUBTED" in state.applied.limited
+    early = [us for t, us in widths if begin + 1.5 < t < 3.0]
+    return max(early, default=0.0), max(us for t, us in widths if t > 3.0)
+
+
+@pytest.mark.usefixtures("armed_esc")
+@pytest.mark.parametrize("failure", ["enc:off", "enc:wrong=0.5"])
+@pytest.mark.slow
+def test_an_encoder_that_fails_is_no_reason_for_more_throttle(failure):
+    for seed in (1, 2, 3, 4):
+        before, after = largest_pulse_after_failure(failure, seed)
+        assert after < 1.4 * before, seed
+
+
+@pytest.mark.usefixtures("armed_esc")
+@pytest.mark.slow
+def test_control_a_loop_that_trusts_every_speed_gives_throttle(monkeypatch):
+    monkeypatch.setattr(loop, "MAX_COASTING_DECELERATION", 1e9)
+    found = [largest_pulse_after_failure("enc:wrong=0.5", seed) for seed in (1, 2)]
+    assert all(after > 1.8 * before for before, after in found)

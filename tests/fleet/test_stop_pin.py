@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.car import Car, Member
 from dart_hal.car.driver import Driver
-from dart_hal.core.errors import Disarmed, NotArmed
+from dart_hal.core.errors import Disarmed, NotArmed, UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.station import Station
@@ -141,6 +141,12 @@ def test_while_somebody_watches_they_drive():
     """Control: of the silence and of the pin."""
     lasts, _ = drive_watched(lambda t: True)
     assert min(lasts) > 1.1
+
+
+@pytest.mark.parametrize("age", [float("nan"), 0.0, -1.0, "x", True, None])
+def test_an_age_of_the_beat_that_is_none_is_refused(age):
+    with pytest.raises(UsageError, match="beat_within is no time"):
+        StopRule(age)
 
 
 @pytest.mark.slow

@@ -370,10 +370,16 @@ class Car:
             >>> round(applied.throttle, 1)
             0.2
         """
+        return self._drive(steering, throttle, valid_for, source)
+
+    def _drive(self, steering: float, throttle: float, valid_for: float, source: str,
+               reasons: tuple[str, ...] = ()) -> Applied:
+        """Command as ``drive``; reasons: names of ``Limit`` of the controller, for the pins."""
         engine = self._engine
         self._refuse_if_disarmed()
         with self._commanding() as now:
-            planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
+            planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now,
+                                                     reasons)
             if throttle and engine.driver.mode is ArmState.DISARMED:
                 self._was_ignored = True
             self._requested = (steering, throttle)
@@ -417,10 +423,7 @@ class Car:
             driver = self._engine.driver
             armed = driver.mode is ArmState.ARMED and not driver.overridden
             throttle = self._loop.throttle(target, self._state, armed=armed, window=window)
-        applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
-                             source=source)
-        return replace(applied, limited=tuple(dict.fromkeys(
-            (*applied.limited, *self._loop.active_limits))))
+        return self._drive(steering, throttle, valid_for, source, self._loop.active_limits)
 
     def pulses(self, *, steering_us: float, throttle_us: float | None,
                valid_for: float = 0.2) -> Applied:

@@ -265,7 +265,13 @@ def _open_records(record: str | Path | Sequence[str | Path | None] | None, urls:
     Raises UsageError.
     """
     if not isinstance(record, (str, Path)):
-        return _entry_per_url("record", record, urls)
+        entries = _entry_per_url("record", record, urls)
+        names = [str(Path(name).resolve()) for name in entries if isinstance(name, str | Path)]
+        if len(set(names)) < len(names):
+            raise UsageError("two cars of a fleet have one recording", found=repr(record),
+                             expected="another file for each car",
+                             remedy="record=\"fleet.mcap\" records all cars in one file")
+        return entries
     check_record(record)
     rename_existing(record)
     Path(record).parent.mkdir(parents=True, exist_ok=True)

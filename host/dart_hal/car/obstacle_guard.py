@@ -2,12 +2,13 @@
 
 At each State the nearest echo on the car's path is compared with
 
-    guard_distance + v^2 / (2 a) + v T
+    guard_distance + v T + g T^2 / 2 + (v + g T)^2 / (2 a)
 
-with the speed v, the deceleration a of a car that rolls out at neutral, and the time T until the
-pins are at neutral. The path is the arc of the present steering angle, as wide as the car. Each
-echo comes nearer by the distance driven since it was measured. Without a fresh scan nothing shows
-that the path is free, and forward throttle is withheld, too.
+with the speed v, its present growth g (0 if it falls), the deceleration a of a car that rolls out
+at neutral, and the time T until the motor is at neutral. There are two paths, each as wide as the
+car: the arc of the present steering angle, and that on which the car turns now. Each echo comes
+nearer by the distance driven since it was measured. Without a fresh scan nothing shows that the
+path is free, and forward throttle is withheld, too.
 
 It does not brake, so that backward throttle stays possible, and it detects nothing that the lidar
 does not: glass, what is above or below its plane, and what is closer than its range.
@@ -20,13 +21,13 @@ from math import inf, isfinite, tan
 import numpy as np
 
 from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH
-from dart_hal.control.stopping import ROLL_DECELERATION
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.car import Geometry
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray, Scan, State
 from dart_hal.devices.links.base import Backend
+from dart_hal.vehicle.load import vehicle_of
 
 # m: largest guard distance, the range of small lidars.
 MAX_GUARD_DISTANCE = 8.0
@@ -34,8 +35,16 @@ MAX_GUARD_DISTANCE = 8.0
 SIDE_MARGIN = 0.03
 # m more than the limit at which throttle is passed again, so that noise does not switch it.
 RELEASE_MARGIN = 0.1
-# s from a decision to neutral at the motor: the frame that is out, the next one, the ESC.
+# s from a decision to neutral at the ESC: the frame that is out, the next one, the ESC's own.
 REACTION_TIME = 3.0 * PWM_FRAME
+# s more until the motor no longer pulls, if the model has no delay and lag of the throttle.
+MOTOR_TIME = 0.25
+# m/s2 of a car that rolls out; the paper's has 1.0, simulated ones from 0.7 on.
+GUARD_DECELERATION = 0.6
+# m/s2, the largest growth of the speed that counts: more is noise or a jolt.
+MAX_GROWTH = 4.0
+# m/s from which the yaw rate shows the arc.
+MIN_TURNING_SPEED = 0.3
 # s since the last beam after which a scan no longer counts: three revolutions at 8 per second,
 # two at the 5.5 of an RPLidar.
 MAX_SCAN_AGE = 0.4
@@ -55,6 +64,8 @@ class ObstacleGuard:
         self._wheelbase = geometry.wheelbase
         self._half_width = half_width(geometry) + SIDE_MARGIN
         self._front = distance_to_front(geometry)
+        delay = vehicle_of(files.model).delay
+        self._reaction = REACTION_TIME + (delay.throttle_s + delay.throttle_lag_s or MOTOR_TIME)
         self._blocked = True
 
     def blocks(self, state: State) -> bool:
@@ -64,10 +75,17 @@ class ObstacleGuard:
             self._blocked = True
             return True
         speed = max(state.speed, 0.0)
-        limit = (self._distance + 0.5 * speed * speed / ROLL_DECELERATION
-                 + speed * REACTION_TIME + (RELEASE_MARGIN if self._blocked else 0.0))
-        curvature = tan(state.applied.steering) / self._wheelbase
-        self._blocked = self._free_distance(scan, state.t, speed, curvature) < limit
+        growth = min(max(state.accel_x or 0.0, 0.0), MAX_GROWTH)
+        reaction = self._reaction
+        fastest = speed + growth * reaction
+        limit = (self._distance + speed * reaction + 0.5 * growth * reaction**2
+                 + 0.5 * fastest**2 / GUARD_DECELERATION
+                 + (RELEASE_MARGIN if self._blocked else 0.0))
+        curvatures = [tan(state.applied.steering) / self._wheelbase]
+        if state.yaw_rate is not None and speed > MIN_TURNING_SPEED:
+            curvatures.append(state.yaw_rate / speed)
+        self._blocked = any(self._free_distance(scan, state.t, speed, curvature) < limit
+                            for curvature in curvatures)
         return self._blocked
 
     def _free_distance(self, scan: Scan, t: float, speed: float, curvature: float) -> float:

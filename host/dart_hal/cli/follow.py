@@ -257,6 +257,8 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
                 others.update(motion)
             # Otherwise a car that waits before an obstacle would end as one that is stuck.
             follower.obstructed = Limit.OBSTACLE in state.applied.limited
+            follower.doubts = (", ".join(sorted(state.health.doubts))
+                               if Limit.ENCODER_DOUBTED in state.applied.limited else "")
             steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 return

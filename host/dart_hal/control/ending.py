@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from dart_hal.control.stopping import StopManoeuvre, StuckDetector
+from dart_hal.core.errors import UsageError
 from dart_hal.core.types import MotionEstimate, TextEnum
 
 # Longest time without an accepted pose or lane [s], four scans; at 2 m/s dead reckoning is 2 cm off
@@ -27,10 +30,12 @@ class Phase(TextEnum):
 class Ending:
     """Base class of drives that end.
 
-    ``phase``; ``why``: reason of the end, empty before; ``good``: whether the end was intended.
+    ``phase``; ``why``: reason of the end, empty before; ``good``: whether the end was intended;
+    ``free`` [m/s]: limit by other cars.
     """
 
     def __init__(self) -> None:
+        self._cap = self.free = inf
         self.phase = Phase.WAITING
         self.why = ""
         self.good = False
@@ -38,6 +43,18 @@ class Ending:
         """Last target speed [m/s] and its time [s]: where a stop begins."""
         self._stuck_detector = StuckDetector()
         self._stop_manoeuvre: StopManoeuvre | None = None
+
+    @property
+    def cap(self) -> float:
+        """Largest speed [m/s], 0 or more. Raises UsageError for what is none, such as NaN."""
+        return self._cap
+
+    @cap.setter
+    def cap(self, speed: float) -> None:
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not speed >= 0.0:
+            raise UsageError("cap is no speed limit", found=repr(speed),
+                             expected="m/s, 0 or more", remedy="cap=0.5; 0 makes the car wait")
+        self._cap = float(speed)
 
     def stop(self, why: str, *, good: bool = True) -> None:
         """Stop and end on request."""

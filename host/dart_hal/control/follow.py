@@ -58,7 +58,8 @@ class Rules:
 
     laps: of a closed path (an open one ends by itself); duration [s]: from its first motion on;
     lane [m]: to either side; odometry: dead reckoning is accepted; here: the path begins at the
-    car; careful: bends begin slowly, see ``SpeedRamp``.
+    car; careful: bends begin slowly, see ``SpeedRamp``. Raises UsageError for laps, a duration
+    or a lane that are not above 0.
     """
 
     laps: float = 1.0
@@ -67,6 +68,14 @@ class Rules:
     odometry: bool = False
     here: bool = False
     careful: bool = False
+
+    def __post_init__(self) -> None:
+        for name, unit in (("laps", ""), ("duration", " s"), ("lane", " m")):
+            number = getattr(self, name)
+            if (isinstance(number, bool) or not isinstance(number, int | float)
+                    or not number > 0.0):
+                raise UsageError(f"{name} of the rules is not above 0", found=repr(number),
+                                 expected=f"a number{' of' + unit if unit else ''}, above 0")
 
 
 class Follower(Ending):
@@ -96,7 +105,6 @@ class Follower(Ending):
         self.plant = plant
         self._make = TRACKERS[tracker] if isinstance(tracker, str) else tracker
         self.cap = cap
-        self.free = inf
         self.clock: Callable[[], float] = lambda: 0.0
         """Time [s] that runs while the tracker computes, as ``car.now``; may be set before."""
         self.silent: Callable[[], bool] = lambda: False
@@ -107,6 +115,8 @@ class Follower(Ending):
         """Why there is no pose yet, with the remedy; empty if that is not known."""
         self.obstructed = False
         """Whether throttle is withheld before an obstacle; set before ``answer``."""
+        self.doubts = ""
+        """Doubts of the speed for which throttle is withheld, by name; set before ``answer``."""
         self.path = path
         self.profile = speed_profile(path, plant, most)
         self.tracker = self._make(path, plant)
@@ -223,7 +233,9 @@ class Follower(Ending):
         ):
             self._end(f"an obstacle has been before the car for {STUCK_TIME:g} s"
                       if self.obstructed else
-                      f"the car does not move, though commanded to for {STUCK_TIME:g} s")
+                      f"the car does not move, though commanded to for {STUCK_TIME:g} s"
+                      + (f": {self.doubts} of its speed, so throttle is withheld"
+                         if self.doubts else ""))
         elif self._t0 is not None and t - self._t0 > rules.duration:
             self._end(f"the time of {rules.duration:g} s is over", good=True)
         elif self.remaining <= 0.0:

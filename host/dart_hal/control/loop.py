@@ -32,6 +32,11 @@ from dart_hal.core.types import Limit, State
 MAX_INTEGRAL = 2.0
 # Throttle that counts as driving forward; a count of the PCA9685 is 0.011.
 MIN_PULL = 0.8 * COAST_THROTTLE
+# Decelerations that a car does not exceed [m/s2]: with the brake that of rubber tyres, without it
+# friction, a slope and a bend. A speed that falls faster, as that of an encoder that fails, is fed
+# back no faster: the throttle stays until the speed is doubted.
+MAX_DECELERATION = 12.0
+MAX_COASTING_DECELERATION = 4.0
 # Start of the profile from rest [m/s]; its first value has no time step.
 START_SPEED = 1e-3
 
@@ -57,6 +62,7 @@ class SpeedLoop:
         self._direction = 0.0
         self._pulled = False
         self._t: float | None = None
+        self._trusted = 0.0
         self.open_loop = self.clipped = self.saturated = False
 
     @property
@@ -92,10 +98,17 @@ class SpeedLoop:
             self.reset()
             dt = 0.0
         if self.open_loop:
+            self._trusted = measured
             cap = limits.encoder_lost_throttle
             blind = min(max(self._inverse.throttle(target), -cap), cap)
             return max(self._reversal.throttle(blind, measured, t - last_t), -cap)
-        self._record_throttle(state.applied.throttle if state else 0.0, dt)
+        applied = state.applied.throttle if state else 0.0
+        fall = (t - last_t) * (MAX_DECELERATION if applied * self._trusted < 0.0
+                               else MAX_COASTING_DECELERATION)
+        if abs(measured) < abs(self._trusted) - fall:
+            measured = math.copysign(abs(self._trusted) - fall, self._trusted)
+        self._trusted = measured
+        self._record_throttle(applied, dt)
         throttle = self._law(target, measured, dt)
         result = (throttle if target > 0.0 and throttle < 0.0  # the brake, while driving forward
                   else self._reversal.throttle(throttle, measured, dt))

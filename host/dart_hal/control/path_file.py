@@ -13,6 +13,7 @@ global_racetrajectory_optimization.
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
@@ -30,6 +31,8 @@ COLUMNS = ("x", "y")
 UNIT_SCALES = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}
 # Names of a column of speeds [m/s].
 SPEEDS = ("speed", "vx_mps", "speed_mps", "v_mps")
+# Other names that a column of speeds may have; a limit that is not read would be exceeded.
+LIKELY_SPEED = re.compile(r"(v|vx|vel|velocity|speed)([^a-z].*)?$", re.IGNORECASE)
 # Between columns. A comma last: in some countries it is the decimal separator.
 DELIMITERS = (";", "\t", ",")
 # Largest extent of a path whose header names no unit [m]. The smallest circle of the car is 0.9 m
@@ -65,7 +68,8 @@ def read_path(file: File) -> Path:
     A path is closed if its last row repeats its first. Tracks of F1TENTH and TUM are also closed
     if the last point is followed by the first at the distance of neighbours.
 
-    Other columns are ignored. Raises UsageError, naming the line, for a missing column, a cell
+    Other columns are ignored. Raises UsageError, naming the line, for a missing column, one that
+    looks like a speed under another name, a cell
     that is no finite number, a speed that is not above 0, an extent that suggests centimetres,
     and as ``Path.through``; FileNotFoundError. Example::
 
@@ -147,6 +151,11 @@ def choose_columns(header: Sequence[str], file: File) -> list[tuple[int, float]]
                          expected="a first line with x,y or x,y,speed, or # x_m, y_m, ...",
                          remedy="write the names of the columns into the first line")
     speed = next((header.index(name) for name in SPEEDS if name in header), None)
+    if speed is None and (likely := [name for name in header if LIKELY_SPEED.match(name)]):
+        raise UsageError(f"{file}: column {likely[0]} looks like a speed and is none of its names",
+                         found=", ".join(header), read=str(file),
+                         expected=f"{', '.join(SPEEDS)} [m/s]",
+                         remedy=f"name it {SPEEDS[0]}, in m/s, or remove the column")
     return found if speed is None else [*found, (speed, 1.0)]
 
 

@@ -20,6 +20,9 @@ SEARCH_AHEAD = 1.0
 SEARCH_BEHIND = 0.2
 # Largest distance between end and start of a closed path [m], and half the angle [rad]: rounding.
 MAX_GAP = 1e-6
+# Largest turn [rad] from one step between points to the next. A triangle has 2.1; a path that goes
+# back along itself has pi, and its spline hides the cusp.
+MAX_TURN = 2.6
 # Chords of a spline per ``POINT_SPACING``, by which its length is summed: on 0.4 m it is 4e-6
 # short.
 CHORDS_PER_SPACING = 5
@@ -238,6 +241,16 @@ def check_points(points: Any, closed: bool) -> FloatArray:
                          remedy="leave the last point out: a closed path goes on to the first"
                                 if closes else "remove one; only the last may repeat the first, "
                                 "which closes the path of a file")
+    steps = np.diff(np.vstack([xy, xy[:2]]) if closed else xy, axis=0)
+    turns = np.arctan2(steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0],
+                       np.sum(steps[:-1] * steps[1:], axis=1))
+    if (np.abs(turns) > MAX_TURN).any():
+        k = int(np.argmax(np.abs(turns) > MAX_TURN)) + 1
+        raise UsageError(f"the path turns back at point {k % len(xy) + 1}",
+                         found=f"a turn of {np.degrees(abs(turns[k - 1])):.0f} deg between "
+                               "neighbouring points",
+                         expected=f"at most {np.degrees(MAX_TURN):.0f} deg",
+                         remedy="lay the turn out as an arc that the car can drive")
     return xy
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import inf
 
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet.sender import Session
 
 # s between two STOPs, the polling interval of a car. At a loss of 50 % half the cars receive the
@@ -94,10 +95,15 @@ class StopCall:
 class StopRule:
     """Conditions under which one car must not drive.
 
-    beat_within [s]: largest age of the last beat; inf: no beat is required.
+    beat_within [s]: largest age of the last beat; inf: no beat is required. Raises UsageError
+    for what is no time above 0.
     """
 
     def __init__(self, beat_within: float = inf) -> None:
+        if (isinstance(beat_within, bool) or not isinstance(beat_within, int | float)
+                or not beat_within > 0.0):
+            raise UsageError("beat_within is no time", found=repr(beat_within),
+                             expected="seconds, above 0", remedy="beat_within=0.5")
         self.beat_within = beat_within
         self.number = 0
         self._by = ""

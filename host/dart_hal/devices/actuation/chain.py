@@ -139,15 +139,16 @@ class Actuator:
     # -- commands --------------------------------------------------------
 
     def command(self, steering: float, throttle: float, valid_for: float, source: str,
-                now: float) -> Applied:
+                now: float, reasons: tuple[str, ...] = ()) -> Applied:
         """Store a source's request of steering [rad] and throttle [-1..1] for ``valid_for`` s.
 
+        reasons: names of ``Limit`` for ``Applied.limited`` while the request acts.
         Returns the pulses of the next frame. Raises BadCommand for values that are not finite
         numbers and if time goes back; the throttle is then already at neutral.
         """
         self._planner.set_demand(self.demand())
         with self._trip_on_error():
-            requested = parse_command(steering, throttle, valid_for, source, now)
+            requested = parse_command(steering, throttle, valid_for, source, now, reasons)
             self._check_time(now)
             self._planner.arbiter.put(requested)
             plan = self._planner.plan(now, source)

@@ -26,7 +26,8 @@ MAX_PLAUSIBLE = 10.0
 class SourceCommand:
     """Request of one source: steering [rad], throttle [-1..1], until [s] of the car's clock.
 
-    ``shortened``: its sender requested a longer validity.
+    ``shortened``: its sender requested a longer validity; ``reasons``: names of ``Limit`` of the
+    controller that made it.
     """
 
     steering: float
@@ -34,6 +35,7 @@ class SourceCommand:
     until: float
     source: str
     shortened: bool = False
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,7 @@ def to_finite(name: str, value: object, owner: str) -> float:
 
 
 def parse_command(steering: object, throttle: object, valid_for: object, source: str,
-            now: float) -> SourceCommand:
+                  now: float, reasons: tuple[str, ...] = ()) -> SourceCommand:
     """Make a command of plausible numbers, valid for at most 0.5 s. Raises BadCommand."""
     owner = f"source {source}"
     angle = to_finite("steering", steering, owner)
@@ -84,7 +86,7 @@ def parse_command(steering: object, throttle: object, valid_for: object, source:
                              expected=expected, likely=likely)
     seconds = limit_validity(valid_for, owner)
     return SourceCommand(angle, part, to_finite("now", now, owner) + seconds, source,
-                         seconds < to_finite("valid_for", valid_for, owner))
+                         seconds < to_finite("valid_for", valid_for, owner), reasons)
 
 
 def limit_validity(valid_for: object, owner: str, maximum: float = MAX_VALIDITY) -> float:

@@ -170,6 +170,8 @@ class Planner:
         live = self.demand.throttle == "command"
         if winner and winner.shortened:
             why.append(Limit.VALIDITY.value)
+        if winner and live:
+            why += winner.reasons
         target = winner.throttle if winner and live else 0.0
         throttle = clip(target, *self._throttle_range())
         angle = self._target_angle(winner)
@@ -188,7 +190,7 @@ class Planner:
             why.append(Limit.RANGE.value)
         if (turned, driven) != (bounded, throttle):
             why.append(Limit.SLEW.value)
-        return self._to_pulses(turned, driven, tuple(why))
+        return self._to_pulses(turned, driven, tuple(dict.fromkeys(why)))
 
     def _target_angle(self, winner: SourceCommand | None) -> float:
         """Return the steering setpoint [rad] of the mode: centre, command, or the last angle."""
