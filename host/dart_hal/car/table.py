@@ -33,10 +33,12 @@ def _names(values: Iterable[object]) -> str:
     return "|".join(sorted(map(str, values)))
 
 
-def _room_value(state: State, key: str) -> float | None:
-    """Return x, y or yaw of the rear axle by external poses; None before the first."""
+def _room_pose(state: State) -> tuple[float | None, float | None, float | None]:
+    """Return (x, y, yaw) of the rear axle by external poses; None before the first."""
     estimate = state.external.estimate if state.external is not None else None
-    return None if estimate is None else float(getattr(estimate.pose, key))
+    if estimate is None:
+        return None, None, None
+    return estimate.pose.x, estimate.pose.y, estimate.pose.yaw
 
 
 # Columns by name. Of several commands or logged values within one row the latest counts.
@@ -63,11 +65,11 @@ TABLE_COLUMNS = {
     "doubts": TableColumn("", lambda s: _names(s.health.doubts), "what is known against it, by |"),
     "lost": TableColumn("", lambda s: s.health.lost, "frames lost since the opening"),
     "battery": TableColumn("V", lambda s: s.battery, "voltage; no column without a sensor"),
-    "room_x": TableColumn("m", lambda s: _room_value(s, "x"),
+    "room_x": TableColumn("m", lambda s: _room_pose(s)[0],
                           "of the rear axle, by external poses; no column without a source"),
-    "room_y": TableColumn("m", lambda s: _room_value(s, "y"),
+    "room_y": TableColumn("m", lambda s: _room_pose(s)[1],
                           "of the rear axle, by external poses; no column without a source"),
-    "room_yaw": TableColumn("rad", lambda s: _room_value(s, "yaw"),
+    "room_yaw": TableColumn("rad", lambda s: _room_pose(s)[2],
                             "heading, by external poses; no column without a source"),
     "command_steering": TableColumn("rad", lambda s: None,
                                     "command before the next row, else NaN"),
