@@ -13,9 +13,10 @@ from dart_hal.control.lqr import PREVIEW_STEPS
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import MotionPrediction, SteeringDelay, plant_of
 from dart_hal.control.pursuit import arc
-from dart_hal.control.trackers import TRACKERS, without_delay
+from dart_hal.control.trackers import TRACKERS, Lqr, Pursuit, without_delay
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import Calibration, Quantity, parse_car
+from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.sets import PAPER
@@ -197,3 +198,12 @@ def test_what_is_known_of_a_car(tmp_path):
     known = plant_of(replace(files, model=model_of(LATER)))
     assert known.delay.transport == pytest.approx(0.0115 + 0.03)
     assert known.delay.lag == pytest.approx(0.1285, abs=1e-4)
+
+
+@pytest.mark.parametrize(("path", "plant", "match"), [
+    ("savoiardo", LATE_PLANT, "a tracker follows a path"),
+    (track_named("savoiardo"), {}, "needs the car as a plant")])
+def test_what_is_no_path_or_no_plant_is_refused(path, plant, match):
+    for tracker in (Pursuit, Lqr):
+        with pytest.raises(UsageError, match=match):
+            tracker(path, plant)

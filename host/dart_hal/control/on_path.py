@@ -9,6 +9,7 @@ from typing import Protocol
 
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import MotionPrediction, Plant, PredictedMotion
+from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate
 
 
@@ -44,9 +45,15 @@ class Tracker(Protocol):
 
 
 class PathTracker(ABC):
-    """Base class of trackers."""
+    """Base class of trackers. Raises UsageError for what is no path, and for what is no plant."""
 
     def __init__(self, path: Path, plant: Plant) -> None:
+        if not isinstance(path, Path):
+            raise UsageError("a tracker follows a path", found=type(path).__name__,
+                             expected="a Path", remedy="figure_of_eight(0.75)")
+        if not isinstance(plant, Plant):
+            raise UsageError("a tracker needs the car as a plant", found=type(plant).__name__,
+                             expected="a Plant", remedy="plant_of(car.files)")
         self.path = path
         self.plant = plant
         self.s = self.offset = 0.0
