@@ -44,7 +44,7 @@ GUARD_DECELERATION = 0.6
 # m/s2, the largest growth of the speed that counts: more is noise or a jolt.
 MAX_GROWTH = 4.0
 # m/s from which the yaw rate shows the arc.
-MIN_TURNING_SPEED = 0.3
+MIN_ARC_SPEED = 0.3
 # s since the last beam after which a scan no longer counts: three revolutions at 8 per second,
 # two at the 5.5 of an RPLidar.
 MAX_SCAN_AGE = 0.4
@@ -82,7 +82,7 @@ class ObstacleGuard:
                  + 0.5 * fastest**2 / GUARD_DECELERATION
                  + (RELEASE_MARGIN if self._blocked else 0.0))
         curvatures = [tan(state.applied.steering) / self._wheelbase]
-        if state.yaw_rate is not None and speed > MIN_TURNING_SPEED:
+        if state.yaw_rate is not None and speed > MIN_ARC_SPEED:
             curvatures.append(state.yaw_rate / speed)
         self._blocked = any(self._free_distance(scan, state.t, speed, curvature) < limit
                             for curvature in curvatures)

@@ -59,10 +59,11 @@ class EqualsAll:
 
 
 def eternal(steering: float, throttle: float, valid_for: float, source: str,
-            now: float) -> limits.SourceCommand:
+            now: float, reasons: tuple[str, ...] = ()) -> limits.SourceCommand:
     """A command that never runs out."""
     command = limits.parse_command(steering, throttle, valid_for, source, now)
-    return limits.SourceCommand(command.steering, command.throttle, math.inf, source)
+    return limits.SourceCommand(command.steering, command.throttle, math.inf, source,
+                                reasons=reasons)
 
 
 def in_our_session(*words: Any, **options: Any) -> subprocess.Popen[bytes]:
