@@ -134,6 +134,6 @@ def test_other_cars_are_drawn_on_the_page_of_one(browsers):
         one = browsers()
         one.open(page.urls[0])
         grows(one, BACKGROUND, 300)
-        one.run("setInterval(() => Floor.others([]), 5)")
+        one.run("const draw = Floor.others; Floor.others = () => draw.call(Floor, [])")
         time.sleep(0.5)
         assert pixels(one, BACKGROUND) < 200, "control: without them"
