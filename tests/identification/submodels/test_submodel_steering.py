@@ -10,6 +10,7 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_lab.identification.submodels import fit_submodels
+from dart_lab.identification.submodels import steering as submodel_steering
 from dart_lab.identification.submodels.understeer import estimate_understeer
 
 MAP = {n: getattr(PAPER.steering, n)
@@ -74,6 +75,23 @@ def test_a_car_that_is_often_fast_does_not_lose_steering_lock(workshop, lively):
     # By the measured lateral acceleration a_left was .10 +- .03 in one of the three, of .33.
     assert np.sqrt(np.mean(np.square(z))) < 1.6
     assert np.max(np.abs(z)) < 4.0
+
+
+@pytest.mark.slow
+def test_a_fit_belongs_to_the_samples_it_reports_when_the_selections_end(
+        workshop, lively, monkeypatch):
+    """However many selections there are, none follows the last fit."""
+    fitted = []
+    fit_map = submodel_steering.fit_map
+    monkeypatch.setattr(submodel_steering, "fit_map",
+                        lambda samples, **options: fitted.append(len(samples))
+                        or fit_map(samples, **options))
+    monkeypatch.setattr(submodel_steering, "MAX_STEADY_LATERAL", 0.3)
+    for count in (1, 2):
+        monkeypatch.setattr(submodel_steering, "MAX_SELECTIONS", count)
+        fit = fit_submodels(levels(workshop, lively, 1)[0], ("steering",))[0]["steering"]
+        # The last call is that of the map without slip, for the notes.
+        assert fit.n == fitted[-2] == fitted[-1]
 
 
 @pytest.mark.slow

@@ -66,7 +66,7 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
     samples = concatenate([s for _, s, _ in parts])
     square = np.concatenate([q for _, _, q in parts])
     owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
-    for _ in range(MAX_SELECTIONS):
+    for remaining in reversed(range(MAX_SELECTIONS)):
         why = _why_too_little(samples)
         if why:
             return make_unidentified("steering", base_values, [why], time.process_time() - begin)
@@ -79,7 +79,7 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
         angle = np.maximum(np.abs(fitted.angle(samples.command)),
                            np.abs(make_steering(base.steering, np)(samples.command)))
         slow = square * np.tan(angle) / base.body.wheelbase < MAX_STEADY_LATERAL
-        if slow.all():
+        if slow.all() or not remaining:
             break
         samples, square, owner = samples.select(slow), square[slow], owner[slow]
     notes = _notes([r for r, _, _ in parts], owner, samples, square, fitted.solution, slip)
