@@ -133,7 +133,6 @@ def test_a_car_that_still_accelerates_and_turns_stops_before_the_wall():
 @pytest.mark.slow
 def test_control_the_distance_of_rolling_out_alone_is_too_short(monkeypatch):
     monkeypatch.setattr(obstacle_guard, "MOTOR_TIME", 1e-9)
-    monkeypatch.setattr(obstacle_guard, "MAX_GROWTH", 0.0)
     monkeypatch.setattr(obstacle_guard, "GUARD_DECELERATION", 0.8)
     monkeypatch.setattr(obstacle_guard, "MIN_ARC_SPEED", inf)
     assert nearest_echo_at_rest(4, 2.0) < 0.05

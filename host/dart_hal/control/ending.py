@@ -6,6 +6,7 @@ from math import inf
 
 from dart_hal.control.stopping import StopManoeuvre, StuckDetector
 from dart_hal.core.errors import UsageError
+from dart_hal.core.numbers import is_number
 from dart_hal.core.types import MotionEstimate, TextEnum
 
 # Longest time without an accepted pose or lane [s], four scans; at 2 m/s dead reckoning is 2 cm off
@@ -51,7 +52,7 @@ class Ending:
 
     @cap.setter
     def cap(self, speed: float) -> None:
-        if isinstance(speed, bool) or not isinstance(speed, int | float) or not speed >= 0.0:
+        if not is_number(speed) or speed < 0.0:
             raise UsageError("cap is no speed limit", found=repr(speed),
                              expected="m/s, 0 or more", remedy="cap=0.5; 0 makes the car wait")
         self._cap = float(speed)

@@ -26,6 +26,7 @@ from dart_hal.control.speed_ramp import SpeedRamp
 from dart_hal.control.stopping import REST_SPEED, ROLL_DECELERATION, STOP_DECELERATION, STUCK_TIME
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
+from dart_hal.core.numbers import is_number
 from dart_hal.core.types import START_FRAME, MotionEstimate, Pose, Tracking
 
 # Largest distance from the path at which a drive may begin [m].
@@ -72,8 +73,7 @@ class Rules:
     def __post_init__(self) -> None:
         for name, unit in (("laps", ""), ("duration", " s"), ("lane", " m")):
             number = getattr(self, name)
-            if (isinstance(number, bool) or not isinstance(number, int | float)
-                    or not number > 0.0):
+            if not is_number(number) or number <= 0.0:
                 raise UsageError(f"{name} of the rules is not above 0", found=repr(number),
                                  expected=f"a number{' of' + unit if unit else ''}, above 0")
 

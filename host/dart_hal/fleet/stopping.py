@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from math import inf
 
 from dart_hal.core.errors import UsageError
+from dart_hal.core.numbers import is_number
 from dart_hal.fleet.sender import Session
 
 # s between two STOPs, the polling interval of a car. At a loss of 50 % half the cars receive the
@@ -100,8 +101,7 @@ class StopRule:
     """
 
     def __init__(self, beat_within: float = inf) -> None:
-        if (isinstance(beat_within, bool) or not isinstance(beat_within, int | float)
-                or not beat_within > 0.0):
+        if not is_number(beat_within) or beat_within <= 0.0:
             raise UsageError("beat_within is no time", found=repr(beat_within),
                              expected="seconds, above 0", remedy="beat_within=0.5")
         self.beat_within = beat_within
