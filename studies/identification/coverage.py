@@ -6,7 +6,7 @@
     python -m studies.identification.coverage --joint             all in one fit
 
 Each simulated car has other tyres, another steering map and other delays than the base, the paper's
-car. It drives three minutes with commands that change all the time, seen by motion capture
+car. It drives three minutes with commands that change all the time, measured by motion capture
 (``studies.diagnosis.hidden_drive``). Mass and yaw inertia are known. The table has the root mean
 square of (fitted - true) / standard error over the cars, once for all parameters and once for those
 that are stated as identified.

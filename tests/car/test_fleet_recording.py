@@ -138,3 +138,11 @@ def test_an_old_file_is_kept_and_a_fleet_that_does_not_open_leaves_a_whole_one(t
         Fleet.open([RECORDED_URLS[0], "sim://?colour=red"], record=run)
     assert (tmp_path / "run.1.mcap").read_bytes() == b"old"
     assert read_mcap(run).complete
+
+
+def test_two_cars_of_one_recording_are_refused(tmp_path):
+    urls = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
+    file = tmp_path / "same.mcap"
+    with pytest.raises(UsageError, match="two cars of a fleet have one recording"):
+        Fleet.open(urls, record=[file, str(file)])
+    assert not file.exists()

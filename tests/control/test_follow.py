@@ -173,6 +173,17 @@ def test_what_is_no_speed_limit_is_refused_at_any_time(cap):
         Follower(LONG, PLANT, cap)
 
 
+def test_a_car_that_stands_still_for_a_doubted_speed_names_the_doubt():
+    follower = Follower(LONG, PLANT, 1.0, rules=Rules(odometry=True))
+    follower.doubts = "ENCODER_DEAD"
+    t = 0.0
+    while follower.phase is not Phase.ENDED and t < 20.0:
+        follower.answer(motion_at(t, Pose(), 0.0, 0.0))
+        t += 0.01
+    assert "the car does not move" in follower.why
+    assert "ENCODER_DEAD of its speed, so throttle is withheld" in follower.why
+
+
 @pytest.mark.parametrize("rules", [{"lane": -1.0}, {"lane": float("nan")}, {"laps": 0},
                                    {"laps": -1}, {"duration": float("nan")}, {"duration": "3"}])
 def test_rules_that_are_none_are_refused(rules):

@@ -101,7 +101,7 @@ def largest_pulse_after_failure(failure, seed):
         begin = world.t
         for state in car.states(duration=5.0):
             applied = car.drive_speed(steering=0.0, speed=1.0)
-        # The State tells the reason, too.
+        # The State has the reason, too.
         assert "ENCODER_DOUBTED" in applied.limited
         assert "ENCODER_DOUBTED" in state.applied.limited
     early = [us for t, us in widths if begin + 1.5 < t < 3.0]

@@ -17,7 +17,7 @@ SLIDES = {"81_drifting_tapes_and_tiles/"
 DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
 """Motion capture shows up to 0.43 m/s, the encoder stays at zero."""
 JUMPS = {"60_racetrack_lap_v_060/racetrack_lap_v060.csv"}
-"""Two samples of its motion capture, 0.15 s apart, have another yaw than their neighbours."""
+"""Two samples of its motion capture within 0.15 s have another yaw than their neighbours."""
 
 
 @pytest.mark.parametrize("style", STYLES)

@@ -32,9 +32,10 @@ from dart_hal.core.types import Limit, State
 MAX_INTEGRAL = 2.0
 # Throttle that counts as driving forward; a count of the PCA9685 is 0.011.
 MIN_PULL = 0.8 * COAST_THROTTLE
-# Decelerations that a car does not exceed [m/s2]: with the brake that of rubber tyres, without it
-# friction, a slope and a bend. A speed that falls faster, as that of an encoder that fails, is fed
-# back no faster: the throttle stays until the speed is doubted.
+# Decelerations that a car does not exceed [m/s2]: with the brake that of rubber tyres, 1.2 g;
+# without it friction (1), the drag of the front tyres in a bend (2) and a slope (1). A speed that
+# falls faster, as that of an encoder that fails, is fed back no faster: the throttle stays until
+# the speed is doubted.
 MAX_DECELERATION = 12.0
 MAX_COASTING_DECELERATION = 4.0
 # Start of the profile from rest [m/s]; its first value has no time step.

@@ -41,7 +41,8 @@ MIN_SESSION_DRIVEN = 30
 MIN_DRIVEN_SAMPLES = 30
 # Span of the throttle that identifies the dead band g; closer levels count as one.
 MIN_LEVEL_SPAN = 0.03
-# Standard error over value of a friction that is the base's: it may be that of another car.
+# Standard error over value of a friction that is the base's: it may be that of another car. Of
+# simulated cars of 1 to 4 kg it was 0.6 to 2.5 times the base's.
 UNKNOWN_FRICTION_SHARE = 1.0
 MOTOR_NAMES = ("d", "e", "g")
 TIMING_NAMES = ("throttle_s", "throttle_lag_s")

@@ -144,9 +144,7 @@ def _fit_sessions(sessions: Mapping[str, Sequence[TyreForces]]) -> tuple[TyreCur
                      [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     total = back @ covariance @ back.T
     for step in np.diag(SHAPE_STD):
-        changes = []
-        for shape in (SHAPE_MEAN + step, SHAPE_MEAN - step):
-            changes.append(_average(sessions, shape) - x)
+        changes = [_average(sessions, SHAPE_MEAN + side * step) - x for side in (1.0, -1.0)]
         # Compared by D, which varies most with C and E.
         change = max(changes, key=lambda c: abs(float(c[0])))
         total += np.outer(change, change)
