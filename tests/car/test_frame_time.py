@@ -6,12 +6,14 @@ that may answer a State.
 
 from __future__ import annotations
 
-from unittest.mock import patch
+from contextlib import nullcontext
+from unittest.mock import Mock, patch
 
 import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.engine import MAX_LOOP_ANSWER_TIME, Engine
+from dart_hal.core.errors import LinkLost
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_GET
 from tests.common import MOCK_1_URL
@@ -75,6 +77,20 @@ def test_frames_later_than_one_pwm_frame_bring_a_caution(car, delay, cautioned):
     assert engine.driver.observer.loop_latency == pytest.approx(delay)
     names = [caution.name for caution in engine.driver.cautions(engine.now)]
     assert ("LOOP_LATE" in names) == cautioned
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_frame_that_was_due_before_the_link_was_lost_is_not_answered(car, held):
+    """Else ``drive`` would raise or not by when the port vanished; the control shows that."""
+    engine = car._engine
+    engine._due = True
+    if held:
+        engine.hold_neutral()
+    link = engine.backend.link
+    engine.transmitter.set_link(Mock(write=Mock(side_effect=LinkLost("no port"))))
+    with nullcontext() if held else pytest.raises(LinkLost):
+        assert car.drive(throttle=0.3).throttle == 0.0
+    engine.transmitter.set_link(link)
 
 
 def test_unanswered_questions_to_the_nano_are_ten_a_second(car):

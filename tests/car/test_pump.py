@@ -29,7 +29,7 @@ class Engine:
         self.raised = None
         self.again = again
         self.lost = self.frames = 0
-        self.driver = SimpleNamespace(lost=self._report_loss, frame=self._frame)
+        self.driver = SimpleNamespace(frame=self._frame)
         self.receiver = SimpleNamespace(counters=SimpleNamespace(ok=0))
         self.backend = SimpleNamespace(url=SimpleNamespace(text="test://"))
 
@@ -39,7 +39,7 @@ class Engine:
         time.sleep(0.001)
         return []
 
-    def _report_loss(self, now):
+    def hold_neutral(self):
         self.lost += 1
         if self.again is not None:
             raise self.again
@@ -136,7 +136,8 @@ def test_next_is_the_newest_state_and_counts_those_that_were_skipped():
 class PumpPort(SerialLink):
     """A port that can only be closed."""
 
-    def __init__(self):
+    def __init__(self, engine=None):
+        self.engine = engine
         self.closed = False
 
     @property
@@ -145,13 +146,15 @@ class PumpPort(SerialLink):
 
     def close(self):
         self.closed = True
+        self.neutral_before = self.engine.lost == 1 if self.engine is not None else None
 
 
 @pytest.mark.slow_except("True")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
     """One that never sent HELLO has no number: neutral is repeated, and nothing is opened."""
-    lost = PumpPort()
+    engine = Engine()
+    lost = PumpPort(engine)
     back = FoundBoard(PumpPort(), b"HELLO")
     searches: list[tuple[int, int]] = []
     resumed = threading.Event()
@@ -167,7 +170,6 @@ def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
         def close(self):
             pass
 
-    engine = Engine()
     engine.backend.link = lost
     engine.receiver.hello = SimpleNamespace(board_id=77) if known else None
     engine.raised = LinkLost("the port vanished")
@@ -185,6 +187,7 @@ def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
         with pytest.raises(LinkLost, match="vanished"):
             pump.next(10.0)
         assert resumed.wait(10.0 if known else 0.2) == known
+        assert lost.neutral_before, "the close of a port that vanished may wait"
         assert searches == ([(77, 115_200)] if known else [])
         if known:
             assert pump.next(10.0) == ("state", 0)

@@ -144,6 +144,12 @@ class Engine:
         chunk = self.backend.link.read(self._read_timeout(timeout))
         return self._process_bytes(chunk.data, chunk.t) if chunk is not None else []
 
+    def hold_neutral(self) -> None:
+        """Write neutral at once after a step failed; no frame is due, for a link may be lost."""
+        with self.lock:
+            self._due = False
+            self.driver.lost(self.now)
+
     def resume(self, link: Link, received: bytes) -> list[State]:
         """Continue over ``link`` to the same board; ``received``: bytes with its HELLO."""
         with self.lock:

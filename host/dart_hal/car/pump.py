@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from typing import Protocol
 
 from dart_hal.car.engine import Engine
@@ -92,7 +93,7 @@ class ThreadPump:
                     self._publish(self._engine.resume(*again))
                 self._publish(self._engine.step(MAX_READ_TIME))
             except LinkLost as error:
-                found = self._hold(error, self._search())
+                found = self._hold(error, self._search)
             except BaseException as error:  # noqa: BLE001 - raised by next(), at neutral
                 self._hold(error, None)
         if found is not None:
@@ -116,16 +117,19 @@ class ThreadPump:
                 self._count += len(states)
                 self._news.notify_all()
 
-    def _hold(self, error: BaseException, search: BoardSearch | None) -> FoundBoard | None:
+    def _hold(self, error: BaseException,
+              start_search: Callable[[], BoardSearch | None] | None) -> FoundBoard | None:
         """Write neutral, publish the error, refresh neutral until the board is found or stop()."""
         engine = self._engine
         with engine.lock:  # until it is told: who finds the car disarmed finds out why
             with contextlib.suppress(BaseException):  # a hook of the program may raise again
-                engine.driver.lost(engine.now)
+                engine.hold_neutral()
             with self._news:
                 self._error = error
                 self._delivered = self._count  # what came before is old when it is told
                 self._news.notify_all()
+        # Now that the pins are neutral: the close of a port that vanished may wait.
+        search = start_search() if start_search is not None else None
         # Refresh neutral, and feed the guard, until the search succeeds.
         found = None
         while found is None and not self._ended.wait(REFRESH_INTERVAL):

@@ -216,8 +216,10 @@ def test_a_port_that_vanishes_is_a_lost_link(fake):
         link.write(b"x")
     link.close()
     link.close()
-    with pytest.raises(LinkLost):
-        link.read(0.0)
+    for use_closed_port in (lambda: link.read(0.0), lambda: link.write(b"x")):
+        with pytest.raises(LinkLost) as caught:
+            use_closed_port()
+        assert "port that is not open" in str(caught.value.found)
 
 
 def test_a_port_that_takes_nothing_does_not_hold_up_the_pulses(fake):

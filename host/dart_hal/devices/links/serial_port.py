@@ -47,8 +47,8 @@ RATES = (500_000, 115_200)
 READ_SLICE = 4096
 # s, one PWM frame: a port that does not accept bytes must not delay the pulses.
 WRITE_TIMEOUT = 0.02
-# Exceptions of a port that has vanished. TypeError and ValueError: its descriptor is None or -1
-# after close(). The termios functions raise their own error.
+# Exceptions of a port that has vanished. TypeError and ValueError: its descriptor becomes None or
+# -1 in another thread. The termios functions raise their own error.
 PORT_LOST_ERRORS = (serial.SerialException, OSError, TypeError, ValueError, *_TERMINAL_ERRORS)
 # s between two looks at a port whose system has no descriptors to wait for.
 PORT_POLL_INTERVAL = 0.001
@@ -158,7 +158,9 @@ class SerialLink(Link):
         return bytes(self._port.read(self._port.in_waiting))
 
     def _descriptor(self) -> int:
-        """Return that of the open port. Raises a ``PORT_LOST_ERRORS`` for a closed one."""
+        """Return that of the open port. Raises ``serial.PortNotOpenError`` for a closed one."""
+        if not self._port.is_open:
+            raise serial.PortNotOpenError
         return int(self._port.fd)
 
     def set_dtr(self, on: bool) -> None:
