@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.recording.dart import Reference, read, with_marker_frames
+from dart_hal.recording.dart import Recording, Reference, read, with_marker_frames
 from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle
 from dart_lab.identification.fit import FittedParameter
 from dart_lab.identification.shooting import fit_from_recordings
@@ -85,17 +85,22 @@ def draw_any_car(rng: np.random.Generator) -> Vehicle:
         friction=replace(car.friction, a=vary(car.friction.a, 0.4), c=vary(car.friction.c, 0.4)))
 
 
-def compare(seed: int, any_car: bool, joint: bool) -> dict[str, tuple[float, bool]]:
-    """Identify one car; return (error in standard errors, identified) by parameter."""
+def record_drives(seed: int, any_car: bool, count: int = DRIVES) -> tuple[Vehicle, list[Recording]]:
+    """Draw a car, and return it with recordings of drives of a minute each."""
     car = (draw_any_car if any_car else draw_car)(np.random.default_rng(seed))
     plan = hidden_drive.Plan(seconds=60.0, fast=FAST)
     with tempfile.TemporaryDirectory() as folder:
         files = [hidden_drive.write(Path(folder) / f"drive_{i}.csv", car, 1000 * seed + i, plan)
-                 for i in range(DRIVES)]
-        recordings = with_marker_frames([read(f) for f in files], FRAME)
-        base = replace(PAPER, body=car.body)
-        fits = (fit_from_recordings(recordings, base, reference=FRAME)[0].fits if joint
-                else fit_submodels(recordings, base=base, reference=FRAME)[0])
+                 for i in range(count)]
+        return car, list(with_marker_frames([read(f) for f in files], FRAME))
+
+
+def compare(seed: int, any_car: bool, joint: bool) -> dict[str, tuple[float, bool]]:
+    """Identify one car; return (error in standard errors, identified) by parameter."""
+    car, recordings = record_drives(seed, any_car)
+    base = replace(PAPER, body=car.body)
+    fits = (fit_from_recordings(recordings, base, reference=FRAME)[0].fits if joint
+            else fit_submodels(recordings, base=base, reference=FRAME)[0])
     out = {}
     for name, fit in fits.items():
         for key, parameter in fit.parameters.items():
