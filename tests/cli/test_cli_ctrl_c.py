@@ -1,4 +1,4 @@
-"""Ctrl-C while a calibration drives, at every kind of moment, in virtual time."""
+"""Ctrl-C while a verb drives, at every kind of moment, in virtual time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import signal
 import pytest
 
 from dart_lab.sim.world import THROTTLE_CHANNEL, World
-from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
+from tests.common import MOCK_URL, NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
 NEUTRAL_WITHIN_S = 0.040
 """s from Ctrl-C to the last pulse that moves the car."""
+CALIBRATE = ("calibrate", "steering", "--yes")
+FOLLOW = ("follow", "eight", "--speed", 1, "--odometry")
 
 
 class Finger:
@@ -37,8 +39,8 @@ class Finger:
 
 @pytest.fixture
 def press(verb, monkeypatch, tmp_path):
-    """``press(nth)``: the calibration, interrupted at that pulse; (what ran, the finger)."""
-    def run(nth):
+    """``press(nth, words)``: a verb, interrupted at that pulse; (what ran, the finger)."""
+    def run(nth, words=CALIBRATE):
         finger = Finger(nth)
         made = World.__init__
 
@@ -49,16 +51,15 @@ def press(verb, monkeypatch, tmp_path):
         monkeypatch.setattr(World, "__init__", make_watched_world)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            done = run_and_interrupt()
+            done = run_and_interrupt(words)
         finally:
             signal.signal(signal.SIGINT, before)
         return done, finger
 
-    def run_and_interrupt():
+    def run_and_interrupt(words):
         """As a terminal runs it; a worker of the tests may ignore Ctrl-C."""
-        return verb("calibrate", "steering", "--yes", "--json", "--url",
-                    "sim://?nano=mock&physics=kinematic", "--car", "mine", "--cars",
-                    tmp_path / "cars")
+        return verb(*words, "--json", "--url", f"{MOCK_URL}&physics=kinematic", "--car", "mine",
+                    "--cars", tmp_path / "cars")
 
     return run
 
@@ -72,6 +73,16 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, n
     assert not finger.moving_after(NEUTRAL_WITHIN_S)
     assert abs(finger.pulses[-1][1] - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US
     assert not list(tmp_path.rglob("calibration.toml"))
+
+
+@pytest.mark.slow
+def test_ctrl_c_during_a_drive_reports_the_figures_so_far(press):
+    done, finger = press(100, FOLLOW)
+    assert done.code == 130
+    assert not finger.moving_after(NEUTRAL_WITHIN_S)
+    summary = done.json["summary"]
+    assert (summary["ended"], summary["as_asked"]) == ("stopped by Ctrl-C", False)
+    assert 0.0 < summary["offset_max_m"] < 0.3
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ from dart_hal.cli.common.options import (
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.session import open_car
+from dart_hal.cli.common.session import end_on_interrupt, exit_status, open_car
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
 from dart_hal.control.drive_record import DriveRecord
@@ -136,7 +136,8 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
         follower = make_follower(car, track, speed or inf, make, rules, half_width,
                                  minimum_time_line if shortest else raceline)
         summary = RunSummary(car)
-        with (nullcontext() if room is None else join(car, room, room_key=room_key)) as member:
+        joined = nullcontext() if room is None else join(car, room, room_key=room_key)
+        with end_on_interrupt(car, follower), joined as member:
             tracked = track_cars(car) if detect else None
             others = Others(member, follower, tracked) if member or tracked else None
             follow(car, follower, waive, others)
@@ -149,7 +150,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
         print_json({**found, "summary": {**found["summary"], "path": path, **summary_json}})
     else:
         results.print(format_summary(summary_json), markup=False, highlight=False)
-    return 0 if follower.good else 1
+    return exit_status(follower)
 
 
 def are_poses_silent(car: Car) -> bool:

@@ -21,7 +21,12 @@ from dart_hal.cli.common.options import (
     waive_option,
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
-from dart_hal.cli.common.session import check_drives_by_lidar, open_car
+from dart_hal.cli.common.session import (
+    check_drives_by_lidar,
+    end_on_interrupt,
+    exit_status,
+    open_car,
+)
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.cli.follow import apply_keys, open_keys, summarise_offset
 from dart_hal.control.ending import Phase
@@ -55,8 +60,9 @@ def command(url: str | None, car_name: str, cars: Path | None, speed: float,
     with open_car(url, car_name, cars, record, lidar=lidar) as car:
         follower = make_follower(car, speed, distance or inf, duration or inf)
         summary = RunSummary(car)
-        drive(car, follower, waive)
-        car.stop()
+        with end_on_interrupt(car, follower):
+            drive(car, follower, waive)
+            car.stop()
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw_lane(follower, plot)
@@ -65,7 +71,7 @@ def command(url: str | None, car_name: str, cars: Path | None, speed: float,
         print_json({**found, "summary": {**found["summary"], **summary_json}})
     else:
         results.print(format_summary(summary_json), markup=False, highlight=False)
-    return 0 if follower.good else 1
+    return exit_status(follower)
 
 
 def make_follower(car: Car, speed: float, distance: float, duration: float) -> LaneFollower:

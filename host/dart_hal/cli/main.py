@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from dart_hal import __version__
-from dart_hal.cli.common.output import console, print_json, show_notices
+from dart_hal.cli.common.output import CTRL_C_STATUS, console, print_json, show_notices
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
 from dart_hal.core.plugins import list_plugins, load_entry
 from dart_hal.core.process.extras import missing_module_error
@@ -157,7 +157,7 @@ def main(args: list[str] | None = None) -> None:
         _exit_with_usage_error(error, argv, as_json)
     except (KeyboardInterrupt, click.Abort):
         console.print("stopped")
-        sys.exit(130)
+        sys.exit(CTRL_C_STATUS)
     except OSError as error:
         _exit_with_error(_file_error(error), as_json)
     except MemoryError:

@@ -22,7 +22,7 @@ from dart_hal.cli.common.options import (
 )
 from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.common.session import check_drives_by_lidar, open_car
+from dart_hal.cli.common.session import INTERRUPTED, check_drives_by_lidar, open_car
 from dart_hal.cli.drive import run_manual
 from dart_hal.cli.lane import drive as drive_along
 from dart_hal.control.gamepad_map import open_gamepad
@@ -102,7 +102,7 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
                     ended, good = follower.why, follower.good
                 car.stop()
         except KeyboardInterrupt:
-            ended = "stopped by Ctrl-C"
+            ended = INTERRUPTED
             console.print(f"{ended}: the part that was driven is mapped")
         except (Disarmed, LinkLost) as why:
             ended, good = why.what, False

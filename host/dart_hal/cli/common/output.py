@@ -12,6 +12,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dart_hal.core.plain_json import plain
 
+CTRL_C_STATUS = 130  # exit status after Ctrl-C, as in shells: 128 + SIGINT
+
 
 class StandardOutput:
     """Writes to the current standard output, and to nowhere after its reader has closed it.

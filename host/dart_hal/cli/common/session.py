@@ -10,8 +10,9 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.car.car import open_url
 from dart_hal.car.viewers import open_viewer
-from dart_hal.cli.common.output import progress_bar, show_notices
+from dart_hal.cli.common.output import CTRL_C_STATUS, progress_bar, show_notices
 from dart_hal.cli.common.simulated_room import load_simulator
+from dart_hal.control.ending import Ending
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
@@ -19,6 +20,8 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.field import Map, map_of_grid
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.estimation.localisation.source import open_source
+
+INTERRUPTED = "stopped by Ctrl-C"
 
 
 @contextmanager
@@ -38,6 +41,21 @@ def open_car(url: str | None, car_name: str, cars: Path | None,
         show_notices(car.notices)
         yield car
         show_sensor_errors(car)
+
+
+@contextmanager
+def end_on_interrupt(car: Car, drive: Ending) -> Iterator[None]:
+    """Stop the car at Ctrl-C and end the drive, so that its figures are reported."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        car.stop()
+        drive.stop(INTERRUPTED, good=False)
+
+
+def exit_status(drive: Ending) -> int:
+    """Return the exit status of the verb that drove, as ``main`` lists them."""
+    return 0 if drive.good else CTRL_C_STATUS if drive.why == INTERRUPTED else 1
 
 
 @contextmanager
