@@ -91,7 +91,7 @@ def test_at_the_limit_of_the_tyres_the_default_tracker_plans(verb, bend, speed, 
 def test_without_a_pose_it_does_not_drive(verb, bend):
     done = verb("follow", bend, "--speed", 1, "--url", "sim://?nano=mock")
     assert done.code == 1
-    assert "no pose came within 5 s" in done.out
+    assert "no pose came within 5 s: motion capture is silent" in done.out
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
@@ -231,13 +231,14 @@ def make_car(localiser=None, located=False, lidar=True):
                            lidar=SimpleNamespace(localiser=localiser, located=located))
 
 
-def test_a_room_that_looks_the_same_from_two_places_is_named_with_the_remedy():
+def test_why_there_is_no_pose_is_named_with_the_remedy():
     ambiguous, lost = (make_car(SimpleNamespace(newest=SimpleNamespace(status=status)))
                        for status in (Status.AMBIGUOUS, Status.LOST))
     assert "start=X,Y,YAW" in describe_missing_pose(ambiguous)
-    assert describe_missing_pose(lost) == ""
+    assert "is it of this room?" in describe_missing_pose(lost)
     assert describe_missing_pose(make_car(SimpleNamespace(newest=None))) == ""
-    assert describe_missing_pose(make_car(lidar=False)) == ""
+    for by_motion_capture in (make_car(lidar=False), make_car(None)):
+        assert "--odometry" in describe_missing_pose(by_motion_capture)
 
 
 def test_scans_that_fit_no_map_are_no_silence():

@@ -58,6 +58,12 @@ KEY_SPEED_STEP = 0.1
 MIN_KEY_SPEED = 0.3
 # Name under which the commands of this program are recorded.
 COMMAND_SOURCE = "follow"
+# Why a localisation by the lidar has no pose, with the remedy.
+MISSING_BY_STATUS = {
+    Status.AMBIGUOUS: ("the room looks the same from several places of the map; state the pose of "
+                       "the car: lidar:MAP.yaml?start=X,Y,YAW"),
+    Status.LOST: ("the scans fit no place of the map; is it of this room? dart-hal localize shows "
+                  "how far they agree, dart-hal map makes a new one")}
 
 
 @click.command("follow")
@@ -179,13 +185,12 @@ def track_cars(car: Car) -> LidarPoses:
 
 
 def describe_missing_pose(car: Car) -> str:
-    """Return why the localisation by the lidar has no pose, with the remedy; empty without one."""
+    """Return why the car has no pose, with the remedy; empty before the first scan."""
     localiser = car.lidar.localiser if car.has_lidar else None
-    newest = localiser.newest if localiser is not None else None
-    if newest is None or newest.status is not Status.AMBIGUOUS:
-        return ""
-    return ("the room looks the same from several places of the map; state the pose of the car: "
-            "lidar:MAP.yaml?start=X,Y,YAW")
+    if localiser is None:
+        return ("motion capture is silent, or its source is not stated; --poses URL states it, "
+                "--odometry drives by dead reckoning")
+    return MISSING_BY_STATUS.get(localiser.newest.status, "") if localiser.newest else ""
 
 
 def choose_tracker(name: str, discs: tuple[Disc, ...], compiled: bool, lane: float,
