@@ -496,7 +496,7 @@ class Car:
         """Arm the car: keep the ESC at neutral for its start-up time, and check everything.
 
         The checks wait up to 2 s for clock and IMU, and up to 4.5 s for the ESC. The user is
-        never prompted.
+        never prompted. A car that is armed already stays as it is.
 
         Args:
             waive: checks to leave out: PWM_CLOCK_UNCALIBRATED, CALIBRATION_MISSING. They are
@@ -507,7 +507,7 @@ class Car:
             reports each of them once per open car.
 
         Raises:
-            NotArmed: with all reasons that hold.
+            NotArmed: with all reasons that hold, or because the car was stopped meanwhile.
 
         Example:
             >>> cautions = car.arm()
@@ -540,13 +540,18 @@ class Car:
         self._arm_called = True
         if engine.backend.bus is None:
             return
-        yield from self._until_good()
         with engine.lock:
+            stops = engine.driver.stops
+            if engine.driver.mode is ArmState.ARMED:
+                return
+        yield from self._until_good(stops)
+        with engine.lock:
+            engine.driver.refuse_if_stopped(stops)
             engine.driver.arm(engine.now, tuple(waive))
             if waive:
                 self.note("waived", {"reasons": ", ".join(waive)})
         try:
-            yield from self._until_armed()
+            yield from self._until_armed(stops)
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
             self.stop()
             raise
@@ -559,9 +564,16 @@ class Car:
                 log.warning("%s", caution)
         return found
 
-    def _until_armed(self) -> Iterator[State]:
+    def _states_until_stopped(self, duration: float, stops: int) -> Iterator[State]:
+        """Yield the States of ``duration`` s. Raises NotArmed as ``Driver.refuse_if_stopped``."""
+        for state in self.states(duration=duration):
+            with self._engine.lock:
+                self._engine.driver.refuse_if_stopped(stops)
+            yield state
+
+    def _until_armed(self, stops: int) -> Iterator[State]:
         driver = self._engine.driver
-        for state in self.states(duration=MAX_ARM_WAIT):
+        for state in self._states_until_stopped(MAX_ARM_WAIT, stops):
             if driver.mode is ArmState.ARMED:
                 return
             if driver.mode is not ArmState.ARMING:
@@ -570,9 +582,9 @@ class Car:
         with self._engine.lock:
             raise driver.refusal_error()
 
-    def _until_good(self) -> Iterator[State]:
+    def _until_good(self, stops: int) -> Iterator[State]:
         """Yield States until clock and IMU are ready after the opening; 2 s at most."""
-        for state in self.states(duration=2.0):
+        for state in self._states_until_stopped(2.0, stops):
             with self._engine.lock:
                 if self._engine.driver.is_settled(self._engine.now):
                     return
@@ -594,7 +606,8 @@ class Car:
             Context manager. The car is disarmed at its end.
 
         Raises:
-            NotArmed: the link or the bus is not good. A calibration need not exist yet.
+            NotArmed: the link or the bus is not good, or the car was stopped meanwhile. A
+                calibration need not exist yet.
 
         Example:
             >>> with car.raw():
@@ -603,19 +616,22 @@ class Car:
         """
         engine = self._engine
         driver = self._engine.driver
-        for _ in self.states(duration=MAX_RAW_WAIT):
+        stops = driver.stops
+        for _ in self._states_until_stopped(MAX_RAW_WAIT, stops):
             with engine.lock:
                 if driver.resume_pulses(engine.now):
                     break
         # The ESC starts up at neutral.
-        for _ in self.states(duration=self.files.config.throttle.arm_neutral + FIRST_PULSES_TIME):
+        neutral = self.files.config.throttle.arm_neutral + FIRST_PULSES_TIME
+        for _ in self._states_until_stopped(neutral, stops):
             pass
-        for _ in self.states(duration=MAX_RAW_WAIT):
+        for _ in self._states_until_stopped(MAX_RAW_WAIT, stops):
             with engine.lock:
                 if not driver.raw_refusals(engine.now, lifted=lifted):
                     break
         # All conditions that are met by waiting hold now, or the wait is over: enter or raise.
         with engine.lock:
+            driver.refuse_if_stopped(stops)
             driver.open_raw(engine.now, lifted=lifted)
         if lifted:
             self.note("raw_lifted", {"wheels": "off the ground, as the caller says"})

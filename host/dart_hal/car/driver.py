@@ -77,6 +77,9 @@ class Driver:
         self.holders: dict[str, str] = {}
         # Of the last run-stop that ended a drive.
         self.stop_reason = ""
+        # Run-stops and calls of stop() so far, and the reason of the last one.
+        self.stops = 0
+        self._last_stop = ""
 
     @property
     def applied(self) -> Applied:
@@ -145,11 +148,27 @@ class Driver:
         if not held:
             self.holders.pop(source, None)
             return
-        self.holders[source] = reason or f"the run-stop was pressed by: {source}"
+        reason = reason or f"the run-stop was pressed by: {source}"
+        if source not in self.holders:
+            self._note_stop(reason)
+        self.holders[source] = reason
         if self.mode in LIVE_MODES:
             self.stop_reason = self.holders[source]
             self._step(now, ["RUN_STOP"], ())
             self.actuator.stop()
+
+    def _note_stop(self, reason: str) -> None:
+        self.stops += 1
+        self._last_stop = reason
+
+    def refuse_if_stopped(self, stops: int) -> None:
+        """Raise NotArmed if the car was stopped since there were ``stops`` stops.
+
+        A call that waits before it arms the car must not arm it after a stop.
+        """
+        if self.stops != stops:
+            raise NotArmed("the car was stopped while it armed", reasons=("RUN_STOP",),
+                           found=self._last_stop, remedy="arm() again when the way is free")
 
     # -- what happens --------------------------------------------------------------
 
@@ -366,5 +385,7 @@ class Driver:
 
     def stop(self, now: float, event: Event = Event.STOP) -> Applied:
         """Set the throttle to neutral now, keep the steering, and disarm the car."""
+        if event is Event.STOP:
+            self._note_stop("stop() was called")
         self.supervisor.event(event, now)
         return self.actuator.stop()

@@ -160,8 +160,10 @@ REFUSALS: tuple[Refusal, ...] = (
             "check the controller's output; 0.5 s later arm() again", lambda f: not f.command_ok),
     Refusal("RAW_MODE_OPEN", "command", "raw() is open", "leave the raw() block",
             lambda f: f.raw_open),
-    Refusal("RUN_STOP", "command", "the cars of the room are stopped, or no program watches it",
-            "wait 0.5 s after the last stop; start the watching program: dart-hal fleet watch",
+    Refusal("RUN_STOP", "command",
+            "a run-stop is pressed: at a page, by a program, or in a room that no program watches",
+            "release it; a page and a room release theirs 0.5 s after the last stop. A room also "
+            "needs its watching program: dart-hal fleet watch",
             lambda f: f.run_stop),
     Refusal("RC_LOST", "command",
             "the signal of the RC transmitter was lost while its driver drove",

@@ -263,6 +263,7 @@ class Desk:
         self.car.run_stop(True, source="view", reason="STOP was pressed at a live page")
         with self._lock:
             self.operator.stop()
+            self._arm_requested = False
         self._report("STOP was pressed at a page")
 
     def _end_drive(self) -> None:
