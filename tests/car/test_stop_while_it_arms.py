@@ -36,7 +36,7 @@ def press_run_stop(car, pressed):
     car.run_stop(pressed, source="judge", reason="a person is on the track")
 
 
-def stop_during(program, stop, after):
+def stop_during(program, stop, delay):
     """Run a program that is stopped once; return (its error or None, widths [us] of pulses)."""
     backend = open_backend(MOCK_URL)
     world = world_of(backend)
@@ -44,7 +44,7 @@ def stop_during(program, stop, after):
     world.watchers.append(
         lambda channel, pulse: widths.append((pulse[1] - pulse[0]) * 1e6) if channel == 1 else None)
     with Car.over(backend) as car:
-        events = [(world.t + after, True), (world.t + after + STOP_HELD_S, False)]
+        events = [(world.t + delay, True), (world.t + delay + STOP_HELD_S, False)]
 
         def press_when_due(state):
             if events and world.t >= events[0][0]:
@@ -64,9 +64,9 @@ def moves(widths):
 
 @pytest.mark.parametrize("stop", [call_stop, press_run_stop])
 @pytest.mark.parametrize("program", [arm_and_drive, drive_raw])
-@pytest.mark.parametrize("after", [0.01, 0.2, 1.5])
-def test_a_stopped_call_raises_with_the_reason_and_nothing_moves(program, stop, after):
-    error, widths = stop_during(program, stop, after)
+@pytest.mark.parametrize("delay", [0.01, 0.2, 1.5])
+def test_a_stopped_call_raises_with_the_reason_and_nothing_moves(program, stop, delay):
+    error, widths = stop_during(program, stop, delay)
     assert widths
     assert not moves(widths)
     assert isinstance(error, NotArmed)

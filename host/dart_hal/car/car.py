@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from dart_hal.car.camera import CarCamera, attach_camera
 from dart_hal.car.engine import Engine
-from dart_hal.car.exit_signals import stop_on_signals
+from dart_hal.car.exit_signals import forget_stop, stop_at_end, stop_on_signals
 from dart_hal.car.files import load_files
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
@@ -220,6 +220,7 @@ class Car:
         engine = self._engine
         if not engine.backend.virtual:
             call_in_children(self._release_in_child)
+            stop_at_end(self._end_drive)
         atexit.register(self.close)
         stop_on_signals()
         try:
@@ -252,6 +253,7 @@ class Car:
             steps.callback(self._warn_if_never_armed)
             steps.callback(self._timer.report_overruns, waits=self._engine.backend.virtual)
             steps.callback(atexit.unregister, self.close)
+            steps.callback(forget_stop, self._end_drive)
             steps.callback(self._engine.backend.close)
             steps.callback(self._recorder.close)
             if self._pump is not None:
@@ -269,6 +271,7 @@ class Car:
         self._recorder.disown()
         self._engine.lock = ForkedCarLock()
         atexit.unregister(self.close)
+        forget_stop(self._end_drive)
 
     def __enter__(self) -> Car:
         return self
@@ -489,6 +492,12 @@ class Car:
         self._loop.reset()
         with self._engine.lock:
             return self._engine.driver.stop(self._engine.now)
+
+    def _end_drive(self, reason: str) -> None:
+        """Stop because the program ends; later commands raise Disarmed."""
+        with self._engine.lock:
+            if not self._closed:
+                self._engine.driver.end_drive(self._engine.now, reason)
 
     # -- arming ------------------------------------------------------------------------
 

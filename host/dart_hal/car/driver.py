@@ -383,6 +383,18 @@ class Driver:
         """Report an event to the supervisor; the pins follow with the frame step."""
         self.supervisor.event(event, now)
 
+    def end_drive(self, now: float, reason: str) -> None:
+        """Stop, and let later commands raise Disarmed with the reason until ``arm`` or ``stop``."""
+        self._note_stop(reason)
+        if self.mode not in LIVE_MODES:
+            return
+        self.stop_reason = reason
+        armed = self.mode is ArmState.ARMED
+        self.supervisor.event(Event.STOP, now)
+        self.actuator.stop()
+        if armed:
+            self.supervisor.ended_by = ("RUN_STOP",)
+
     def stop(self, now: float, event: Event = Event.STOP) -> Applied:
         """Set the throttle to neutral now, keep the steering, and disarm the car."""
         if event is Event.STOP:
