@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.timing import PWM_WAIT_STD
-from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart import Grid, savgol_derivative, turning_share
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
 from dart_hal.vehicle.delay import first_order_lag
@@ -17,6 +17,7 @@ from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
 from dart_lab.identification.prediction.actuators import actuator_outputs, delay_command
 from dart_lab.identification.shooting import ShootingProblem, fit_jointly
+from dart_lab.identification.shooting import problem as problem_module
 
 TRUE = with_values(PAPER, {
     "friction.a": 1.5, "motor.d": 26.0, "motor.g": -0.14, "steering.a_left_rad": 0.30,
@@ -24,9 +25,11 @@ TRUE = with_values(PAPER, {
     "delay.throttle_lag_s": 0.08, "tyres.front_D": 3.4,
     "tyres.rear_cornering_stiffness": 25.0})
 
+POINTS = 15  # of a derivative; the default of a grid
+
 
 def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
-    """A grid of a drive with changing commands; white noise on the velocities."""
+    """A grid of a drive with changing commands; derivatives of poses, with white noise on them."""
     rng = np.random.default_rng(seed)
     n = round(seconds * 100)
     hold = 40
@@ -39,6 +42,10 @@ def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
     start = np.array([[0.0], [0.0], [0.0], [1.2], [0.0], [0.0]])
     states = rollout(vehicle, start, tau[:, None], delta[:, None])[:, :, 0]
     states = np.concatenate([start.T, states[:-1]])
+    dx, dy, omega = (savgol_derivative(states[:, i], POINTS) for i in range(3))
+    dx, dy = dx / turning_share(omega, POINTS), dy / turning_share(omega, POINTS)
+    c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
+    states[:, 3:] = np.stack([c * dx + s * dy, c * dy - s * dx, omega], axis=1)
     states[:, 3:] += rng.normal(size=(n, 3)) * noise
     return Grid(t, *states.T, throttle, steering, unknown, commands.bad, SEP_24)
 
@@ -60,7 +67,7 @@ def test_every_parameter_lies_within_its_interval(joint):
                         if e.identifiable]
     # the motor's d is not among them: with throttles of 0.2 to 0.32 alone its loss at two standard
     # errors is no parabola, as onset and friction take its place
-    assert {"a_left_rad", "s0", "steering_s", "front_D",
+    assert {"a_left_rad", "s0", "steering_s",
             "rear_cornering_stiffness"} <= set(identified_names)
 
 
@@ -68,6 +75,29 @@ def test_predictions_reach_the_noise(joint):
     assert joint.before[2] > 4.0 * joint.after[2]
     assert joint.after[0] < 0.02
     assert joint.after[2] < 0.06
+
+
+def prediction_error(points):
+    """Largest difference between the motion without noise and its prediction, by channel."""
+    g = replace(driven(1, 20.0, noise=0.0), points=points)
+    if points != POINTS:
+        g = replace(g, omega=savgol_derivative(g.yaw, points))
+    problem = ShootingProblem.from_grids([g])
+    late = slice(2, None)  # the start is smoothed as well, which the first read-outs show
+    return np.abs(problem.predict(TRUE) - problem.measured)[late].max(axis=(0, 2))
+
+
+def test_predicted_velocities_are_smoothed_as_the_measured_ones():
+    assert prediction_error(POINTS)[2] < 0.02
+
+
+@pytest.mark.parametrize("points", [7, 25])
+def test_control_another_smoothing_differs_where_the_yaw_rate_bends(points, monkeypatch):
+    assert prediction_error(points)[2] < 0.05, "with its own number of samples it fits"
+    usual = problem_module._predict_velocities
+    monkeypatch.setattr(problem_module, "_predict_velocities",
+                        lambda p, parts, n: usual(p, parts, POINTS))
+    assert prediction_error(points)[2] > 0.1
 
 
 def test_prediction_of_another_centre_of_mass_is_that_of_the_measured_point():

@@ -95,7 +95,7 @@ def test_fitted_file_has_the_form_of_the_recordings(found):
     assert written.model.forms["motor"] == "speed"
     assert set(written.model.motor) == {"gain", "max_force"}
     p = vehicle_of(written.model)
-    assert (p.body.wheelbase, p.tyres.front_E) == (PAPER.body.wheelbase, PAPER.tyres.front_E)
+    assert (p.body.wheelbase, p.friction.q) == (PAPER.body.wheelbase, PAPER.friction.q)
     assert p.drive == "speed"
 
 

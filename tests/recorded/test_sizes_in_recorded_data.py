@@ -151,7 +151,7 @@ SIZE_CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_mar
               ("mocap_offset_x", -0.04, shifted_marker(1.0, 0.0)),
               ("steering_delay", 0.1, steering_earlier), ("steering_gain", 0.1, steering_larger),
               ("steering_lag", 0.1, steering_without_lag), ("motor_gain", 0.1, throttle_larger)]
-BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.15, scaled_gyro),
+BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.2, scaled_gyro),
               ("encoder_scale", 0.04, scaled_encoder), ("mocap_yaw", 0.05, turned_marker),
               ("mocap_offset_y", 0.03, shifted_marker(0.0, 1.0))]
 

@@ -546,6 +546,7 @@ class Car:
             'ARMED'
         """
         engine = self._engine
+        names = (waive,) if isinstance(waive, str) else tuple(waive)
         self._arm_called = True
         if engine.backend.bus is None:
             return
@@ -556,9 +557,9 @@ class Car:
         yield from self._until_good(stops)
         with engine.lock:
             engine.driver.refuse_if_stopped(stops)
-            engine.driver.arm(engine.now, tuple(waive))
-            if waive:
-                self.note("waived", {"reasons": ", ".join(waive)})
+            engine.driver.arm(engine.now, names)
+            if names:
+                self.note("waived", {"reasons": ", ".join(names)})
         try:
             yield from self._until_armed(stops)
         except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself

@@ -27,7 +27,7 @@ from dart_lab.identification.evidence.drive import (
 )
 from dart_lab.identification.evidence.policy import EvidencePolicy
 from dart_lab.identification.evidence.residuals import Evidence
-from dart_lab.identification.shooting.fit import FREE, free_names
+from dart_lab.identification.shooting.fit import FREE, TYRE_SHAPE_NAMES, free_names
 
 from .conclude import conclude
 from .frames import find_frame_errors, free_frame
@@ -176,7 +176,9 @@ def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mo
     second cannot be distinguished from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
-                 if not (has_mocap and known) or name in known or value(vehicle, name) != 0.0)
+                 if name.partition(".")[2] not in TYRE_SHAPE_NAMES
+                 and (not (has_mocap and known) or name in known
+                      or value(vehicle, name) != 0.0))
 
 
 def _select_stated(vehicle: Vehicle, model: ModelFile) -> dict[str, float]:

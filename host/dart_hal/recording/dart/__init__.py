@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .frames import with_marker_frames
 from .grid import Grid, grid
-from .marker import savgol_derivative
+from .marker import savgol_derivative, turning_share
 from .model import RUN, AppliedCommands, BatteryVoltage, Messages, Mocap, Note, Recording, Reference
 from .quantum import encoder_quantum
 from .reader import read, read_all
@@ -28,5 +28,6 @@ __all__ = [
            "reference_for",
            "rolling_reference",
            "savgol_derivative",
+           "turning_share",
            "with_marker_frames",
 ]

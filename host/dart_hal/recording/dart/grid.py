@@ -27,7 +27,8 @@ class Grid:
     t s from the first mocap row; x, y m, yaw rad unwrapped; v_x, v_y m/s in
     body axes, omega rad/s; throttle (gated), steering, encoder [m/s]: last
     message that had arrived (NaN: no such sensor); bad: do not use; scale: of
-    the car, see ``Recording.scale``; voltage [V] of the battery, None where it is not measured.
+    the car, see ``Recording.scale``; voltage [V] of the battery, None where it is not measured;
+    points: samples from which each velocity was computed, see ``savgol_derivative``.
     """
 
     t: FloatArray
@@ -44,22 +45,24 @@ class Grid:
     reference: Reference
     scale: Scale = REFERENCE_SCALE
     voltage: FloatArray | None = None
+    points: int = 15
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-def grid(recording: Recording, reference: Reference | None = None, l_r: float | None = None
-         ) -> Grid:
+def grid(recording: Recording, reference: Reference | None = None, l_r: float | None = None, *,
+         turning: bool = False) -> Grid:
     """Compute the motion of the centre of mass.
 
-    reference: marker frame; None: the known one, else one that is fitted to the recording.
+    reference: marker frame; None: the known one, else one that is fitted to the recording. turning:
+    as for ``marker_grid``.
 
     l_r [m]: rear axle to centre of mass; None: that of DART for a published recording, else 0,
     which is the motion of the rear axle (v_x and omega are the same). Errors: RecordingError as for
     ``marker_grid``, and if the marker frame is neither known nor identified by the driving.
     """
-    m = marker_grid(recording)
+    m = marker_grid(recording, turning=turning)
     ref = reference or reference_for(recording)
     if ref is None and not recording.framed:
         ref = fit_reference([recording])
@@ -77,5 +80,5 @@ def grid(recording: Recording, reference: Reference | None = None, l_r: float | 
     return Grid(
         t=freeze(m.t), x=x, y=y, yaw=freeze(yaw), v_x=v_x, v_y=v_y, omega=freeze(m.omega),
         throttle=freeze(m.throttle), steering=freeze(m.steering), encoder=freeze(m.encoder),
-        bad=freeze_flags(m.bad), reference=ref, scale=recording.scale,
+        bad=freeze_flags(m.bad), reference=ref, scale=recording.scale, points=m.points,
         voltage=None if recording.battery is None else freeze(recording.battery.interpolate(m.t)))

@@ -37,7 +37,10 @@ LOCK_SPAN = 30
 
 @dataclass(frozen=True, slots=True)
 class MarkerGrid:
-    """Marker frame on the grid, (n,) each: t s, x, y m, yaw rad, derivatives, inputs, bad."""
+    """Marker frame on the grid, (n,) each: t s, x, y m, yaw rad, derivatives, inputs, bad.
+
+    points: samples from which each derivative was computed.
+    """
 
     t: FloatArray
     x: FloatArray
@@ -52,6 +55,7 @@ class MarkerGrid:
     message: IntArray
     bad: BoolArray
     false_lock: BoolArray
+    points: int
 
 
 def savgol_derivative(values: FloatArray, points: int, step: float = SAMPLE) -> FloatArray:
@@ -93,8 +97,11 @@ def turning_share(omega: FloatArray, points: int, step: float = SAMPLE) -> Float
     return np.asarray(turned @ k**2 / np.sum(k**2))
 
 
-def marker_grid(recording: Recording) -> MarkerGrid:
+def marker_grid(recording: Recording, *, turning: bool = False) -> MarkerGrid:
     """Compute the motion of the marker frame as measured, without a mounting correction.
+
+    turning: correct velocities for ``turning_share``. Those of runs always are; the published
+    evaluation of the other schemas has no correction.
 
     Errors: RecordingError for schema A and for less than 0.25 s of mocap.
     """
@@ -115,7 +122,7 @@ def marker_grid(recording: Recording) -> MarkerGrid:
                              expected="at least 0.25 s", remedy="leave this file out")
     x, y, yaw = (_resample(t, mocap.t, v, slow) for v in (mocap.x, mocap.y, mocap.yaw))
     dx, dy, omega = (savgol_derivative(v, points) for v in (x, y, yaw))
-    if recording.schema == RUN:  # the published evaluation of the other schemas has no correction
+    if turning or recording.schema == RUN:
         share = turning_share(omega, points)
         dx = dx / share
         dy = dy / share
@@ -138,7 +145,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     steering = messages.steering[last]
     if recording.commands is not None:
         throttle, steering = recording.commands.sample_means(len(t))
-    return MarkerGrid(t, x, y, yaw, dx, dy, omega, throttle, steering, encoder, last, bad, lock)
+    return MarkerGrid(t, x, y, yaw, dx, dy, omega, throttle, steering, encoder, last, bad, lock,
+                      points)
 
 
 def _resample(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> FloatArray:

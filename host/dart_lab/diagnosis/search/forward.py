@@ -361,7 +361,7 @@ class ForwardSearch:
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
         return Space(add_null_effects(self.base, vehicle.effects), s.free, s.known,
-                     self._evidence.message_age, s.policy.prior, self._freed, fixed)
+                     self._evidence.message_age, s.policy.prior, self._freed, fixed, s.joint)
 
     def linearise_stated(self, evidence: Evidence, point: Point) -> StatedParameters:
         """Linearise a fit in the parameters that keep the values of the file."""

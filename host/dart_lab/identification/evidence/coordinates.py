@@ -21,7 +21,7 @@ from dart_hal.vehicle.scale import find_scale
 
 # Prior standard deviations [SI units] of additive parameters of a car of 1:10, by name or group.
 # Times are those of servos and do not scale with the car.
-PRIOR_AMOUNTS = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
+PRIOR_AMOUNTS = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1, "tyres.front_E": 2.0}
 # Prior standard deviation of the logarithm of all others: a factor of two.
 PRIOR_LOG_STD = 0.7
 # [SI units] Smaller numbers are rounding errors.

@@ -59,7 +59,8 @@ def predict_identifiability(recordings: Sequence[Recording], base: Vehicle,
     base: start model; known: standard errors of its parameters by "group.key".
     Raises RecordingError if a recording cannot be predicted.
     """
-    problem = ShootingProblem.from_grids([grid(r, reference, base.body.l_r) for r in recordings])
+    problem = ShootingProblem.from_grids([grid(r, reference, base.body.l_r, turning=True)
+                                          for r in recordings])
     names = free_names(base, tuple(FREE))
     space = Coordinates(base, names, known or {})
     scale = np.broadcast_to(np.array(FIRST_ERRORS)[:, None], (*problem.measured.shape[:2], 1))

@@ -1,4 +1,9 @@
-"""Windows of recordings with their measured start, and the model's prediction of them."""
+"""Windows of recordings with their measured start, and the model's prediction of them.
+
+Measured velocities are derivatives of measured poses over 0.15 s. Predicted velocities are
+derivatives of the predicted poses over the same time: else the fit would have to explain the
+smoothing by a slower steering and a larger yaw inertia.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.recording.dart import Grid
+from dart_hal.recording.dart import Grid, turning_share
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.rollout import Parts, measured_states, predict
 from dart_lab.identification.prediction.windows import MIN_WINDOW_SPEED, find_windows, is_forward
@@ -24,8 +29,6 @@ START_INTERVAL = 0.5
 # [s] Read-outs after the start.
 READ_TIMES = (0.1, 0.25, 0.5, 0.75, 1.0)
 READ_OFFSETS = tuple(round(t / SAMPLE) for t in READ_TIMES)
-# Samples that the velocity filter uses beyond the window.
-FILTER_REACH = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +48,12 @@ class ShootingProblem:
     @classmethod
     def from_grids(cls, grids: Sequence[Grid], every: float = START_INTERVAL) -> ShootingProblem:
         """Find all good windows, one every ``every`` [s]. Raises RecordingError without any."""
-        clean = READ_OFFSETS[-1] + FILTER_REACH
-        starts = [find_windows(g, round(every / SAMPLE), clean, clean).start for g in grids]
+        last = [READ_OFFSETS[-1] + g.points // 2 for g in grids]
+        starts = [find_windows(g, round(every / SAMPLE), end, end).start
+                  for g, end in zip(grids, last, strict=True)]
         fast = [first[_stays_fast(g, first)] for g, first in zip(grids, starts, strict=True)]
-        parts = [(g, first[is_forward(g, first, READ_OFFSETS[-1])])
-                 for g, first in zip(grids, fast, strict=True)]
+        parts = [(g, first[is_forward(g, first, end)])
+                 for g, first, end in zip(grids, fast, last, strict=True)]
         braked = sum(map(len, fast)) - sum(len(first) for _, first in parts)
         if not any(len(first) for _, first in parts):
             raise RecordingError(
@@ -73,7 +77,7 @@ class ShootingProblem:
         return np.repeat(errors, [len(first) for _, first in self.parts])
 
     def predict(self, p: Vehicle, shift: float = 0.0) -> FloatArray:
-        """Predict CHANNELS at READ_TIMES, (len(READ_TIMES), 3, n).
+        """Predict CHANNELS at READ_TIMES, (len(READ_TIMES), 3, n), as derivatives of poses.
 
         Samples hold the mean of a lag's output, which is continuous down to a lag of 0.
         shift [m]: of the model's centre of mass ahead of that of the measured motion. The
@@ -81,10 +85,35 @@ class ShootingProblem:
         """
         parts = self.parts if not shift else [
             (replace(g, v_y=g.v_y + shift * g.omega), first) for g, first in self.parts]
-        out = np.asarray(predict(p, parts, READ_OFFSETS, smooth=True, sampled="mean")[:, 3:])
+        by_points: dict[int, list[int]] = {}
+        for i, (g, _) in enumerate(parts):
+            by_points.setdefault(g.points, []).append(i)
+        ends = np.cumsum([0, *(len(first) for _, first in parts)])
+        out = np.empty(self.measured.shape)
+        for points, members in by_points.items():
+            columns = np.concatenate([np.arange(ends[i], ends[i + 1]) for i in members])
+            out[:, :, columns] = _predict_velocities(p, [parts[i] for i in members], points)
         if shift:
             out[:, 1] -= shift * out[:, 2]
         return out
+
+
+def _predict_velocities(p: Vehicle, parts: Parts, points: int) -> FloatArray:
+    """Predict CHANNELS at READ_TIMES, (len(READ_TIMES), 3, n), as derivatives over ``points``."""
+    half = points // 2
+    near = np.arange(-half, half + 1)
+    at = np.add.outer(READ_OFFSETS, near).ravel()
+    # Over 25 points the first derivative reaches samples before the start, which are measured.
+    states = predict(p, parts, at[at >= 0].tolist(), smooth=True, sampled="mean")
+    if (at < 0).any():
+        states = np.concatenate([measured_states(parts, at[at < 0]), states])
+    poses = states.reshape(len(READ_OFFSETS), points, *states.shape[1:])[:, :, :3]
+    # The slope of a least-squares line, as ``savgol_derivative``.
+    dx, dy, omega = np.einsum("j,rjcn->crn", near / (near @ near) / SAMPLE, poses)
+    turned = turning_share(omega, points)
+    c = np.cos(poses[:, half, 2]) / turned
+    s = np.sin(poses[:, half, 2]) / turned
+    return np.stack([c * dx + s * dy, c * dy - s * dx, omega], axis=1)
 
 
 def _stays_fast(g: Grid, first: IntArray) -> BoolArray:
