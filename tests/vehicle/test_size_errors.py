@@ -9,7 +9,7 @@ from dart_hal.core.config.car import Geometry, SizeErrors
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import close_lengths, make_setter
 from dart_hal.vehicle.load import find_model, vehicle_of
-from dart_hal.vehicle.sizes import list_stated_errors, set_sizes
+from dart_hal.vehicle.sizes import list_differences, list_stated_errors, set_sizes
 
 LENGTHS = {"wheelbase": 0.2, "l_f": 0.08, "l_r": 0.12}
 GEOMETRY = {"wheelbase": 0.2, "l_f": 0.08, "l_r": 0.12, "mass": 2.0, "yaw_inertia": 0.01}
@@ -71,3 +71,12 @@ def test_error_that_is_not_from_car_toml_frees_no_size():
     model.body["mass"] = Quantity(1.67, 0.01)
     assert not list_stated_errors(model)
     assert plain(set_sizes(model, size(mass=0.05)).body["mass"]) == 1.67, "it was measured"
+
+
+@pytest.mark.parametrize(("fitted", "std", "differ"), [
+    (0.0125, 0.001, False), (0.0125, 0.0001, False), (0.02, 0.001, True)])
+def test_a_size_that_a_fit_moved_within_its_error_is_no_difference(fitted, std, differ):
+    """yaw_inertia is 0.01 +- 0.002 in car.toml."""
+    model = set_sizes(find_model("paper")[0], size())
+    model.body["yaw_inertia"] = Quantity(fitted, std, "joint fit")
+    assert bool(list_differences(model, size(yaw_inertia=0.002))) == differ

@@ -6,6 +6,7 @@ before anything is fitted or predicted, and forces that were not measured are sc
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 
 import msgspec
@@ -33,6 +34,8 @@ SIZES = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": 
 CAR_FILE = "car.toml"
 # Relative; sizes that differ by less are the same car's, weighed or measured twice.
 MIN_SIZE_DIFFERENCE = 0.01
+# Standard errors of a difference of two sizes of one car: 1 in 100 is larger.
+MAX_SIZE_STDS = 2.58
 
 
 def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
@@ -120,15 +123,23 @@ def scale_steering_lock(model: ModelFile, lock: float) -> ModelFile:
 
 
 def list_differences(model: ModelFile, size: Geometry) -> list[str]:
-    """Sizes in which a model differs from a car by more than SAME, as sentences of one clause."""
+    """Sizes in which a model differs from a car, as sentences of one clause.
+
+    By more than MIN_SIZE_DIFFERENCE, and by more than their stated errors allow: a fit may move a
+    size within its error, and writes where it is.
+    """
     body = body_of(size)
+    errors = size.std.to_dict()
     found = []
     for key, unit in SIZES.items():
         if key not in model.body or (key == "yaw_inertia" and size.yaw_inertia is None):
             continue
-        stored = plain(model.body[key])
+        entry = model.body[key]
+        stored = plain(entry)
         size_of_car = getattr(body, key)
-        if abs(stored - size_of_car) > MIN_SIZE_DIFFERENCE * abs(size_of_car):
+        std = math.hypot(errors.get(key, 0.0), (isinstance(entry, Quantity) and entry.std) or 0.0)
+        allowed = max(MIN_SIZE_DIFFERENCE * abs(size_of_car), MAX_SIZE_STDS * std)
+        if abs(stored - size_of_car) > allowed:
             found.append(f"{key} {stored:.4g} {unit} and not {size_of_car:.4g}")
     return found
 

@@ -101,7 +101,8 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     if car is None:
         print_line("no car is named: its sizes are needed for a fit; dart-hal car new NAME, then "
                    "--car NAME", "yellow")
-    console.print(f"next: dart-hal data check {target}", markup=False, highlight=False)
+    console.print(f"next: dart-hal data check {shlex.quote(str(target))}", markup=False,
+                  highlight=False)
     return 0
 
 

@@ -357,7 +357,7 @@ def _check_axes(g: GridData) -> list[ImportFinding]:
 
 def _check_speed_command(g: GridData) -> list[ImportFinding]:
     """Compare a commanded speed with the speed of steady driving: scale, and limit."""
-    speed = next((g[name] for name in ("speed", "pose_speed") if np.any(np.nan_to_num(g[name]))),
+    speed = next((g[name] for name in ("pose_speed", "speed") if np.any(np.nan_to_num(g[name]))),
                  None)
     if speed is None:
         return []
@@ -377,7 +377,7 @@ def _check_speed_command(g: GridData) -> list[ImportFinding]:
             f"[throttle] needs limit = {top:.2f}, if the controller limits the speed; commands "
             "below the limit, or another recording, show the scale")]
     ratio = float(np.median(speed[use] / command[use]))
-    text = f"in steady driving the speed is {ratio:.2f} times the command"
+    text = f"in steady driving the speed is {ratio:.3g} times the command"
     if 1.0 / MAX_SCALE_ERROR < ratio < MAX_SCALE_ERROR:
         return [ImportFinding("throttle", text)]
     return [ImportFinding("throttle", text, "multiply the scale of value of [throttle] by "

@@ -6,14 +6,14 @@ from dart_lab.diagnosis.result import Cause, Diagnosis
 from dart_lab.diagnosis.servo import TYRE_CAUTION
 from dart_lab.identification.evaluation.cases import short
 
-from .words import late_commands
+from .words import PARTS_OF_THE_CAR, late_commands
 
 SIZES_ASSUMED = "assumed: "
 # Parts of notes that state how the data were used, without a problem.
 NEUTRAL = ("marker frame fitted", "marker frame was fitted", "no test recordings", ", left out",
            "judged by the car's own sensors", "cannot be known from these recordings",
            "in the training recordings, so their errors cannot be judged",
-           "not candidates, because the motor has a speed loop")
+           "not candidates, because the motor has a speed loop", PARTS_OF_THE_CAR)
 DEAD_ENCODER = "encoder dead"
 # Remedy by the beginning of a message of the reader of a recording.
 BROKEN = {

@@ -160,12 +160,15 @@ def quantity(number: ParameterEstimate) -> str:
     return value + UNIT_WORDS.get(number.unit, f" {number.unit}")
 
 
+PARTS_OF_THE_CAR = ("a model that --out writes also has these parts of the car, which are no "
+                    "causes: ")
+
+
 def describe_parts(mounting: Mapping[str, Mapping[str, ParameterEstimate]]) -> tuple[str, ...]:
     """Describe the effects of the written model that are parts of the car and no causes."""
     words = [f"{effect} {quantity(number)}" for effect, numbers in mounting.items()
              for number in numbers.values() if number.value != number.null]
-    return (f"a model that --out writes also has these parts of the car, which are no causes: "
-            f"{', '.join(words)}",) if words else ()
+    return (f"{PARTS_OF_THE_CAR}{', '.join(words)}",) if words else ()
 
 
 def variable(name: str) -> str:
