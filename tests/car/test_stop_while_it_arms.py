@@ -89,6 +89,25 @@ def test_a_stop_before_the_call_does_not_count():
         assert car.mode == "ARMED"
 
 
+def test_a_run_stop_that_is_pressed_again_while_it_is_held_counts():
+    """As a second STOP at a page within the half second of the first."""
+    with Car.open(MOCK_URL) as car:
+        car.run_stop(True, source="judge")
+        steps = car.arming()
+        next(steps)
+        car.run_stop(True, source="judge")
+        car.run_stop(False, source="judge")
+        with pytest.raises(NotArmed):
+            list(steps)
+        assert car.mode == "DISARMED"
+
+
+def test_one_waived_check_may_be_a_string():
+    with Car.open("sim://?nano=mock", car="new") as car:
+        car.arm(waive="CALIBRATION_MISSING")
+        assert car.mode == "ARMED"
+
+
 def test_arm_of_an_armed_car_that_drives_changes_nothing():
     with Car.open(MOCK_URL) as car:
         car.arm()

@@ -63,8 +63,8 @@ def test_the_car_stops_and_the_program_ends(served_car, how, number):
     _, err = process.communicate(timeout=PROCESS_TIMEOUT_S)
     assert process.returncode not in (None, 0)
     assert served_car.counts()[1] & OFF
-    # asyncio keeps the exception of a thread that nobody awaits any more
-    assert how == "asyncio" or "RUN_STOP" in err, "the thread was told why"
+    # asyncio drops the exception of a thread that is not awaited any more
+    assert how == "asyncio" or "RUN_STOP" in err, "the error names the reason"
 
 
 @pytest.mark.slow

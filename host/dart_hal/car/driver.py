@@ -148,10 +148,8 @@ class Driver:
         if not held:
             self.holders.pop(source, None)
             return
-        reason = reason or f"the run-stop was pressed by: {source}"
-        if source not in self.holders:
-            self._note_stop(reason)
-        self.holders[source] = reason
+        self.holders[source] = reason or f"the run-stop was pressed by: {source}"
+        self._note_stop(self.holders[source])
         if self.mode in LIVE_MODES:
             self.stop_reason = self.holders[source]
             self._step(now, ["RUN_STOP"], ())

@@ -265,8 +265,8 @@ def test_stop_while_it_arms_ends_the_arming(delay):
     modes, seat = stop_while_arming(delay, within=5.0)
     assert "ARMED" not in modes
     assert "ARMING" not in modes
-    said = "Not armed. STOP was pressed" if delay else "STOP was pressed"
-    assert any(said in text for text in seat.list_texts())
+    notice = "Not armed. STOP was pressed" if delay else "STOP was pressed"
+    assert any(notice in text for text in seat.list_texts())
 
 
 @pytest.mark.slow
