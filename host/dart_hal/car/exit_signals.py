@@ -18,6 +18,8 @@ from types import FrameType, TracebackType
 STOPPING_SIGNALS = ("SIGTERM", "SIGHUP")
 
 _stops: set[Callable[[str], None]] = set()
+# What reported uncaught exceptions before; None while this module does not.
+_next_hook: Callable[..., object] | None = None
 
 
 def stop_on_signals() -> None:
@@ -37,9 +39,9 @@ def stop_on_signals() -> None:
 
 def stop_at_end(stop: Callable[[str], None]) -> None:
     """Call ``stop`` with the reason when the program ends, until ``forget_stop``."""
+    global _next_hook
     _stops.add(stop)
-    if sys.excepthook is not _stop_and_report:
-        global _next_hook
+    if _next_hook is None:  # once: a hook that the program adds later may call this one
         _next_hook = sys.excepthook
         sys.excepthook = _stop_and_report
 
@@ -49,14 +51,13 @@ def forget_stop(stop: Callable[[str], None]) -> None:
     _stops.discard(stop)
 
 
-_next_hook = sys.__excepthook__
-
-
 def _stop_and_report(kind: type[BaseException], error: BaseException,
                      trace: TracebackType | None) -> None:
     """Stop the cars after an uncaught exception of the main thread, then report it."""
-    _stop_cars(f"the program ended by {kind.__name__}")
-    _next_hook(kind, error, trace)
+    try:
+        _stop_cars(f"the program ended by {kind.__name__}")
+    finally:
+        (_next_hook or sys.__excepthook__)(kind, error, trace)
 
 
 def _stop_cars(reason: str) -> None:
