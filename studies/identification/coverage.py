@@ -115,15 +115,20 @@ def _relative_error(parameter: FittedParameter, truth: float) -> float:
     return (parameter.value - truth) / parameter.std
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__,
+def parse_options(description: str | None) -> argparse.Namespace:
+    """Parse the options of a study of drawn cars."""
+    parser = argparse.ArgumentParser(description=description,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cars", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--any-car", action="store_true")
     parser.add_argument("--joint", action="store_true")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Print the table."""
+    options = parse_options(__doc__)
     found = [compare(options.first_seed + i, options.any_car, options.joint)
              for i in range(options.cars)]
     table = Table(title=f"{', '.join(SUBMODELS)} of {options.cars} cars")

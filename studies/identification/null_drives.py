@@ -10,7 +10,6 @@ Each simulated car of ``studies.identification.coverage`` drives five minutes: t
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -24,19 +23,15 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.diagnosis.run import diagnose
-from dart_lab.identification.outcome import identify_jointly, identify_per_recording
-from dart_lab.identification.write import SECTIONS, build_model
-from studies.identification.coverage import DRIVES, FRAME, record_drives
+from dart_lab.identification.outcome import identify
+from dart_lab.identification.write import build_model
+from studies.identification.coverage import DRIVES, FRAME, parse_options, record_drives
 
 
 def identify_model(recordings: Sequence[Recording], body: Body, joint: bool) -> ModelFile:
     """Identify all parts of the paper's model with this body."""
     base = model_of(replace(PAPER, body=body))
-    if joint:
-        outcome, _ = identify_jointly(recordings, [], SECTIONS, base, "study", FRAME)
-    else:
-        outcome, _ = identify_per_recording(recordings, [], SECTIONS, vehicle_of(base), "study",
-                                            FRAME)
+    outcome = identify(recordings, base, joint=joint, reference=FRAME)
     written = build_model(outcome.fits, outcome.over(base), outcome.source, joint=outcome.joint)
     return written.model or base
 
@@ -51,13 +46,7 @@ def diagnose_null(seed: int, any_car: bool, joint: bool) -> Diagnosis:
 
 def main() -> None:
     """Print a line for each car that gets a cause, and their number."""
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cars", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--any-car", action="store_true")
-    parser.add_argument("--joint", action="store_true")
-    options = parser.parse_args()
+    options = parse_options(__doc__)
     console = Console()
     wrong = possible = 0
     for seed in range(options.first_seed, options.first_seed + options.cars):

@@ -11,7 +11,7 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.scale import REFERENCE_SCALE, Scale
 
-from .marker import marker_grid
+from .marker import VELOCITY_POINTS, marker_grid
 from .model import Recording, Reference, freeze, freeze_flags
 from .reference import NEEDED, OPTION, fit_reference, reference_for
 
@@ -45,7 +45,7 @@ class Grid:
     reference: Reference
     scale: Scale = REFERENCE_SCALE
     voltage: FloatArray | None = None
-    points: int = 15
+    points: int = VELOCITY_POINTS
 
     def __len__(self) -> int:
         return len(self.t)

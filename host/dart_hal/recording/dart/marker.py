@@ -25,6 +25,9 @@ ARRIVAL_TOLERANCE = 1e-5  # s
 MARGIN_SAMPLES = 20
 # Median mocap step [s] above which values are interpolated by a spline.
 SLOW_STEP = 0.03
+# Samples of 10 ms from which a velocity is computed: as published, and of slow mocap.
+VELOCITY_POINTS = 15
+SLOW_VELOCITY_POINTS = 25
 POSITION_STEP_C = 0.08  # m per 10 ms
 # False lock: the pose is at rest (m/s) while the encoder counts (m/s; both of a car of 1:10), in
 # more than LOCK_MIN of
@@ -115,7 +118,7 @@ def marker_grid(recording: Recording, *, turning: bool = False) -> MarkerGrid:
     n = int(np.ceil(mocap.t[-1] / SAMPLE - 1e-9))
     t: FloatArray = np.arange(n, dtype=np.float64) * SAMPLE
     slow = len(mocap) > 3 and float(np.median(np.diff(mocap.t))) > SLOW_STEP
-    points = 25 if slow else 15
+    points = SLOW_VELOCITY_POINTS if slow else VELOCITY_POINTS
     if len(t) < points:
         raise RecordingError(f"{recording.name}: too short for velocities",
                              read=str(recording.path), found=f"{mocap.t[-1]:.2f} s of mocap",

@@ -33,6 +33,10 @@ NO_INTERVAL = "too little data for an interval"
 # Moments in a sentence; the page lists all.
 MAX_LISTED_MOMENTS = 3
 
+# How the note about the mounting of the sensors begins.
+PARTS_OF_THE_CAR = ("a model that --out writes also has these parts of the car, which are no "
+                    "causes: ")
+
 
 def channel(name: str) -> str:
     """Name of a channel in words, or its own name if it has none."""
@@ -158,10 +162,6 @@ def quantity(number: ParameterEstimate) -> str:
     known = math.isfinite(number.std) and number.std > 0.0
     value = with_error(number.value, number.std) if known else significant(number.value)
     return value + UNIT_WORDS.get(number.unit, f" {number.unit}")
-
-
-PARTS_OF_THE_CAR = ("a model that --out writes also has these parts of the car, which are no "
-                    "causes: ")
 
 
 def describe_parts(mounting: Mapping[str, Mapping[str, ParameterEstimate]]) -> tuple[str, ...]:
