@@ -136,7 +136,7 @@ for name in ("ds3", "ds4"):
 # %% language="sh"
 # sed 's/value = "throttle"/value = {column = "throttle", scale = 5.3}/' unscaled.toml > ds4.toml
 # sed 's/kind = "speed"/&\nlimit = 1.3/' ds4.toml > ds3.toml
-# dart-hal car new penn --wheelbase 0.32+-0.002 --mass 3.33+-0.05 --l-f 0.208+-0.01 --max-steering 0.45+-0.05 --cars cars >/dev/null 2>&1
+# dart-hal car new penn --wheelbase 0.32+-0.002 --mass 3.33+-0.05 --l-f 0.208+-0.01 --max-steering 0.45+-0.05 --drive all --cars cars >/dev/null 2>&1
 # for name in ds3 ds4; do
 #     dart-hal data import $name.csv --map $name.toml --car penn --cars cars --out f1tenth_$name.mcap >/dev/null 2>&1
 # done

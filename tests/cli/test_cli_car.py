@@ -52,6 +52,21 @@ def test_car_is_written_with_its_errors_and_read_again(verb):
     assert car.config.encoder.metres_per_edge is None
 
 
+@pytest.mark.parametrize(("drive", "share"), [("all", 0.5), ("front", 1.0), ("rear", 0.0),
+                                              (None, None)])
+def test_driven_axle_is_written_or_left_open(verb, drive, share):
+    ran = verb("car", "new", "zheng", *options({"--drive": drive}))
+    assert ran.code == 0, ran.err
+    assert load_car("zheng").config.geometry.front_share == share
+    assert ("all-wheel drive is assumed" in ran.out) == (drive is None)
+
+
+def test_older_drive_stays_unless_it_is_named(verb):
+    for drive, share in (("rear", 0.0), (None, 0.0), ("front", 1.0)):
+        assert verb("car", "new", "zheng", *options({"--drive": drive})).code == 0
+        assert load_car("zheng").config.geometry.front_share == share
+
+
 @pytest.mark.parametrize(("wheelbase", "mass", "l_f"), [
     (0.06, 0.04, 0.029), (0.062, 0.041, 0.029), (0.57, 21.8, 0.34), (2.6, 1000.0, 1.2)],
     ids=["40 g", "41 g", "21.8 kg", "1 t"])
@@ -165,11 +180,12 @@ def test_what_is_missing_is_requested_at_the_terminal(verb, monkeypatch):
             return True
 
     monkeypatch.setattr(sys, "stdin", CarTerminal(
-        "0.325\n0.325+-0.002\n2.0+-0.02\n1.5+-0.02\n\n0.38+-0.02\n"))
+        "0.325\n0.325+-0.002\n2.0+-0.02\n1.5+-0.02\n\n0.38+-0.02\nrear\n"))
     ran = verb("car", "new", "asked")
     assert ran.code == 0, ran.err
     assert "VALUE+-STD" in ran.err
-    assert load_car("asked").config.geometry.mass == 3.5
+    geometry = load_car("asked").config.geometry
+    assert (geometry.mass, geometry.front_share) == (3.5, 0.0)
 
 
 @pytest.mark.slow

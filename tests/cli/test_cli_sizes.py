@@ -98,6 +98,17 @@ def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own_recordi
     assert answer["sizes"]["caution"] is None, "a car of 1:10, as the recording counts"
 
 
+@pytest.mark.parametrize("line", ["", "front_share = 0.0", "front_share = 0.5"])
+def test_all_wheel_drive_is_assumed_with_a_caution_alone(verb, own_recording, cars, line):
+    described = cars / "long" / "car.toml"
+    lines = [line if one.startswith("front_share") else one
+             for one in described.read_text().splitlines()]
+    described.write_text("\n".join(lines) + "\n")
+    ran = verb("evaluate", "--json", "--car", "long", "--cars", cars, own_recording)
+    caution = ran.json["sizes"]["caution"] or ""
+    assert ("all-wheel drive is assumed, because car.toml of long" in caution) == (line == "")
+
+
 @pytest.mark.slow
 def test_recording_without_a_car_is_cautioned_with_a_model_of_a_larger_car(verb, own_recording,
                                                                              cars):

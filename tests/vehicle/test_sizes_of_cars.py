@@ -15,7 +15,7 @@ from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Body
 from dart_hal.vehicle.scale import REFERENCE_MASS
 from dart_hal.vehicle.sets import PAPER
-from dart_hal.vehicle.sizes import set_sizes
+from dart_hal.vehicle.sizes import list_differences, set_sizes
 
 SCALES = {
     "1:43": (0.06, 0.041, 4e-5), "1:28": (0.098, 0.16, 2e-4), "1:10": (0.175, 1.67, 0.0065),
@@ -67,6 +67,17 @@ def test_a_set_for_another_car_has_forces_of_that_car():
         512.0 * old.tyres.rear_cornering_stiffness)
     assert p.tyres.front_B == old.tyres.front_B
     assert p.steering == old.steering
+
+
+def test_drive_of_a_car_replaces_that_of_dart():
+    model = find_model("paper")[0]
+    sizes = {"wheelbase": 0.2, "l_f": 0.1, "l_r": 0.1, "mass": 2.0}
+    assert vehicle_of(set_sizes(model, Geometry(**sizes))).body.front_share == 0.5
+    rear = Geometry(**sizes, front_share=0.0)
+    assert vehicle_of(set_sizes(model, rear)).body.front_share == 0.0
+    all_wheels = set_sizes(model, Geometry(**sizes))
+    assert "front_share 0.5 and not 0" in list_differences(all_wheels, rear)
+    assert not list_differences(set_sizes(model, rear), rear)
 
 
 def test_measured_forces_and_those_of_1_10_stay():

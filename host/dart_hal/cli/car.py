@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,6 +39,8 @@ SIZE_HELP = {
     "yaw_inertia": "yaw inertia [kg m2] (default: estimated from mass and axles)",
     "max_steering": "largest angle of the road wheels, mean of both sides [rad]",
 }
+# Share of the wheel force at the front axle.
+FRONT_SHARES = {"all": 0.5, "front": 1.0, "rear": 0.0}
 UNITS = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": "kg m2"}
 WITH_ERROR = re.compile(r"(?P<value>.+?)\s*(\+-|\+/-|±)\s*(?P<std>.+)")
 
@@ -84,9 +87,13 @@ def size_options(command: CommandT) -> CommandT:
 @command.command("new")
 @click.argument("name")
 @size_options
+@click.option("--drive", type=click.Choice(tuple(FRONT_SHARES)), default=None,
+              help="driven axle; all: both drive with half of the force (asked for, or left open: "
+              "then fits assume all, with a caution)")
 @cars_option
 @json_option
-def new(name: str, cars: Path | None, as_json: bool, **given: Quantity | None) -> None:
+def new(name: str, drive: str | None, cars: Path | None, as_json: bool,
+        **given: Quantity | None) -> None:
     """Write the car.toml of a car NAME from its sizes, each with its standard error.
 
     Sizes have the form VALUE+-STD, such as 0.325+-0.002, in SI units. A terminal prompts for
@@ -100,6 +107,9 @@ def new(name: str, cars: Path | None, as_json: bool, **given: Quantity | None) -
     sizes = {key: size for key, size in given.items() if size is not None}
     _check_choice(sizes)
     measured = _complete(sizes)
+    drive = drive or _ask_drive(guided="wheelbase" not in sizes)
+    if drive is not None:
+        measured = replace(measured, front_share=FRONT_SHARES[drive])
     _show(name, path, measured, write_car(path, name, measured), as_json)
 
 
@@ -172,6 +182,15 @@ def _ask(option: str, question: str) -> Quantity:
     return answer
 
 
+def _ask_drive(guided: bool) -> str | None:
+    """Return which axle is driven; None for a script."""
+    if not (guided and sys.stdin.isatty()):
+        return None
+    answer: str = click.prompt("driven axle", type=click.Choice(tuple(FRONT_SHARES)), default="all",
+                               err=True)
+    return answer
+
+
 def _ask_optional(question: str) -> Quantity | None:
     """Return the answer of the user, None for an empty one or without a terminal."""
     if not sys.stdin.isatty():
@@ -194,7 +213,7 @@ def _show(name: str, path: Path, measured: MeasuredSizes, replaced: bool, as_jso
     rows = {**measured.sizes, "max_steering": measured.max_steering}
     if as_json:
         print_json({"car": name, "path": path, "replaced": replaced,
-                    "estimated": list(measured.estimated),
+                    "estimated": list(measured.estimated), "front_share": measured.front_share,
                     "sizes": {key: {"value": size.value, "std": size.std}
                               for key, size in rows.items()}})
         return
@@ -202,6 +221,9 @@ def _show(name: str, path: Path, measured: MeasuredSizes, replaced: bool, as_jso
         how = ", estimated" if key in measured.estimated else ""
         print_line(f"  {key:<13}{size.value:.4g} +- {size.std:.2g} "
                    f"{UNITS.get(key, 'rad')}{how}")
+    share = measured.front_share
+    print_line(f"  {'front_share':<13}" + (
+        "not stated: all-wheel drive is assumed (--drive)" if share is None else f"{share:g}"))
     print_line(f"written: {path}")
     where = f" --cars {shlex.quote(str(path.parent.parent))}" if path.parent.parent.name != (
         "cars") else ""

@@ -36,11 +36,13 @@ class MeasuredSizes:
     """Sizes of a car with standard errors, in m, kg and kg m2, by key of ``[geometry]``.
 
     max_steering [rad]: largest angle of the road wheels. estimated: keys that are not measured.
+    front_share: of the wheel force at the front axle, None where it is not known.
     """
 
     sizes: dict[str, Quantity]
     max_steering: Quantity
     estimated: tuple[str, ...] = ()
+    front_share: float | None = None
 
     def geometry(self) -> Geometry:
         """Return the section ``[geometry]`` of car.toml."""
@@ -51,7 +53,7 @@ class MeasuredSizes:
         elif "l_f" not in value:
             value["l_f"] = _round(value["wheelbase"] - value["l_r"])
         errors = {key: float(f"{size.std:.3g}") for key, size in self.sizes.items()}
-        return Geometry(**value, std=SizeErrors(**errors))
+        return Geometry(**value, front_share=self.front_share, std=SizeErrors(**errors))
 
 
 def add_loads(front: Quantity, rear: Quantity) -> Quantity:
@@ -106,13 +108,15 @@ def describe_car(name: str, measured: MeasuredSizes) -> str:
                 "l_r": "m, centre of mass to the rear axle", "mass": "kg, ready to drive",
                 "yaw_inertia": "kg m2" + f", estimated: {SHAPE:g} m l_f l_r" * (
                     "yaw_inertia" in measured.estimated)}
+    drive = () if body.front_share is None else (
+        line("front_share", "of the wheel force at the front axle", body.front_share),)
     lock = measured.max_steering
     text = "\n".join([
         "# A car that is known by recordings. docs/reference/car-files.md describes all keys.",
         "# To drive it by this program, add [encoder] metres_per_edge and check [pwm], [steering]",
         "# and [throttle] against cars/dart-01/car.toml.",
         'schema = "dart-hal/car/1"', f'name = "{name}"', "", "[geometry]",
-        *(line(key, meaning, getattr(body, key)) for key, meaning in meanings.items()), "",
+        *(line(key, meaning, getattr(body, key)) for key, meaning in meanings.items()), *drive, "",
         "[geometry.std]           # standard errors: fits move a size within them",
         *(f"{key} = {std}" for key, std in errors.items()), "", "[limits]",
         line("max_steering", f"rad at the road wheels, +- {lock.std:g}", lock.value), ""])
@@ -133,6 +137,8 @@ def write_car(path: Path, name: str, measured: MeasuredSizes) -> bool:
         return False
     old = read_config(path)
     new = {key: getattr(measured.geometry(), key) for key in (*SIZES, "std")}
+    if measured.front_share is not None:
+        new["front_share"] = measured.front_share
     limits = msgspec.structs.replace(old.limits, max_steering=measured.max_steering.value)
     changed = msgspec.structs.replace(
         old, name=name, geometry=msgspec.structs.replace(old.geometry, **new), limits=limits)

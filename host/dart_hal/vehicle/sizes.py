@@ -1,4 +1,4 @@
-"""Sizes of a car in a model: wheelbase, centre of mass, mass, inertia and lock of car.toml.
+"""Sizes of a car in a model: wheelbase, centre of mass, mass, inertia, drive, lock of car.toml.
 
 A shipped parameter set is of DART. Where a car is named, its own sizes take the place of DART's
 before anything is fitted or predicted, and forces that were not measured are scaled with them.
@@ -66,6 +66,8 @@ def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     changed: Parameters = {
         key: Quantity(getattr(body, key), errors[key], CAR_FILE) if key in errors else
         getattr(body, key) for key in SIZES if key not in kept}
+    if size.front_share is not None:
+        changed["front_share"] = size.front_share
     return msgspec.structs.replace(scale_forces(model, size), body={**model.body, **changed})
 
 
@@ -86,6 +88,12 @@ def scale_forces(model: ModelFile, size: Geometry) -> ModelFile:
                         for key, entry in getattr(model, section).items()}
               for section in ("friction", "motor", "tyres")}
     return msgspec.structs.replace(model, **scaled)
+
+
+def is_drive_assumed(size: Geometry) -> bool:
+    """Whether a car is not DART, which drives all wheels, and does not state ``front_share``."""
+    other = abs(size.wheelbase - PAPER.body.wheelbase) > MIN_SIZE_DIFFERENCE * PAPER.body.wheelbase
+    return other and size.front_share is None
 
 
 def is_from_car_file(entry: Parameter) -> bool:
@@ -141,6 +149,9 @@ def list_differences(model: ModelFile, size: Geometry) -> list[str]:
         allowed = max(MIN_SIZE_DIFFERENCE * abs(size_of_car), MAX_SIZE_STDS * std)
         if abs(stored - size_of_car) > allowed:
             found.append(f"{key} {stored:.4g} {unit} and not {size_of_car:.4g}")
+    share = model.values("body").get("front_share", PAPER.body.front_share)
+    if size.front_share is not None and size.front_share != share:
+        found.append(f"front_share {share:g} and not {size.front_share:g}")
     return found
 
 

@@ -22,6 +22,7 @@ from dart_hal.vehicle.sizes import (
     SIZES,
     describe_sizes,
     find_steering_lock,
+    is_drive_assumed,
     list_differences,
     scale_steering_lock,
     set_sizes,
@@ -117,7 +118,8 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
         changed = set_sizes(model, car.config.geometry)
         lock = _find_start_lock(car.config, recordings) if fitting else None
         changed = changed if lock is None else scale_steering_lock(changed, lock)
-        return _record_source(changed, f"car {car.config.name} ({car.origin})", recordings)
+        return _record_source(changed, f"car {car.config.name} ({car.origin})", recordings,
+                              caution=_describe_assumed_drive(car.config))
     if car is not None:
         differences = list_differences(model, car.config.geometry)
         caution = (f"{name} states other sizes than car {car.config.name} ({car.origin}): "
@@ -132,7 +134,8 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
                                  for r in recordings):
         return _record_source(set_sizes(model, owner.geometry),
-                              f"car {owner.name}, as recorded in its runs", recordings)
+                              f"car {owner.name}, as recorded in its runs", recordings,
+                              caution=_describe_assumed_drive(owner))
     published = bool(recordings) and all(r.published for r in recordings)
     return _record_source(model, "the DART car", recordings, assumed=not published)
 
@@ -145,6 +148,14 @@ def _find_start_lock(car: CarConfig | None, recordings: Sequence[Recording]) -> 
     scales = {r.steering_scale for r in recordings}
     stated = scales.pop() if len(scales) == 1 else None
     return stated or (None if car is None else find_steering_lock(car))
+
+
+def _describe_assumed_drive(car: CarConfig) -> str:
+    """Return a caution if it is not known which wheels of a car are driven, else ""."""
+    if not is_drive_assumed(car.geometry):
+        return ""
+    return (f"all-wheel drive is assumed, because car.toml of {car.name} does not state the driven "
+            "axle: dart-hal car new --drive, or [geometry] front_share (0 rear, 0.5 all, 1 front)")
 
 
 def _record_source(model: ModelFile, source: str, recordings: Sequence[Recording], *,

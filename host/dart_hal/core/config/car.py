@@ -42,8 +42,9 @@ class Geometry(FileTable, frozen=True, kw_only=True):
     """Lengths [m] from the axles, mass [kg], yaw inertia [kg m2].
 
     l_f, l_r: centre of mass to front and rear axle; ``length``, ``width`` of
-    the outline; ``lidar_x`` of the lidar ahead of the rear axle; ``std``: standard errors, within
-    which a joint fit and a diagnosis may move a size.
+    the outline; ``lidar_x`` of the lidar ahead of the rear axle; ``front_share`` of the wheel force
+    at the front axle: 0 rear-wheel drive, 1 front-wheel drive, 0.5 all-wheel drive; ``std``:
+    standard errors, within which a joint fit and a diagnosis may move a size.
     """
 
     wheelbase: float
@@ -56,6 +57,7 @@ class Geometry(FileTable, frozen=True, kw_only=True):
     track: float | None = None
     wheel_radius: float | None = None
     lidar_x: float | None = None
+    front_share: float | None = None
     std: SizeErrors = SizeErrors()
 
 

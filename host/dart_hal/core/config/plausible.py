@@ -27,6 +27,7 @@ CAR_RANGES: Mapping[str, Range] = {
     "geometry.track": (0.01, 10.0, "m"),
     "geometry.wheel_radius": (0.002, 2.0, "m"),
     "geometry.lidar_x": (-10.0, 10.0, "m"),
+    "geometry.front_share": (0.0, 1.0, "of the wheel force"),
     "throttle.arm_neutral": (0.0, 60.0, "s"),
     "throttle.stop_ramp": (0.0, 60.0, "s"),
     "throttle.deadband_us": (0.0, 500.0, "us"),
