@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import NotMonotone
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
 # Steepness of the transition between the left and the right curve; it is 2 / 30 = 0.07 wide in s.
 BLEND = 30.0
+# Largest gain of a side that counts as a straight line: tanh(k) is 8 % below k. Below it amplitude
+# and gain are known by their product alone, and an amplitude may be at its largest allowed value.
+MAX_STRAIGHT_GAIN = 0.5
+# The gain of the side that an amplitude belongs to.
+GAIN_OF_AMPLITUDE = {"a_left_rad": "k_left", "a_right_rad": "k_right"}
 
 
 def make_steering(p: Steering, xp: Any = math) -> Callable[[Value], Value]:
@@ -41,6 +46,20 @@ def make_steering(p: Steering, xp: Any = math) -> Callable[[Value], Value]:
         return left * a_left * tanh(k_left * c) + (1.0 - left) * a_right * tanh(k_right * c)
 
     return steering
+
+
+def is_straight(name: str, parameters: Mapping[str, float]) -> bool:
+    """Return whether ``name`` is the amplitude of a side whose map is a straight line.
+
+    parameters: of the map by name.
+
+    >>> is_straight("a_left_rad", {"a_left_rad": 1.4, "k_left": 0.3})
+    True
+    >>> is_straight("k_left", {"a_left_rad": 1.4, "k_left": 0.3})
+    False
+    """
+    gain = GAIN_OF_AMPLITUDE.get(name)
+    return gain is not None and parameters[gain] <= MAX_STRAIGHT_GAIN
 
 
 def check_monotone(p: Steering, n: int = 401) -> None:

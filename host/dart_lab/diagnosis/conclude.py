@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -18,6 +18,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.steering import is_straight
 from dart_lab.identification.evidence.policy import MANY_RECORDINGS
 from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.objective import FittedModel, Point, covariance
@@ -332,13 +333,17 @@ def _list_parameter_changes(q: DiagnosisSetup, final: FinalFit) -> dict[str, Par
     for i, name in enumerate(space.names):
         if name not in q.settings.free and name not in own:
             continue
-        doubt = ""
-        # a delay or lag of 0 is on its lower bound in many a car, which is no reason for doubt
-        if ((point.x[i] - space.low[i] < FIT_ON_BOUND and value(logged, name) > 0.0)
+        # A delay or lag of 0 is on its lower bound in many a car, and so is the amplitude of a
+        # straight line of the steering on its upper one: that is no reason for doubt.
+        if is_straight(name.removeprefix("steering."), asdict(logged.steering)):
+            doubt = ""
+        elif ((point.x[i] - space.low[i] < FIT_ON_BOUND and value(logged, name) > 0.0)
                 or space.high[i] - point.x[i] < FIT_ON_BOUND):
             doubt = AT_BOUND
         elif abs(point.x[i]) > q.settings.policy.prior.max_stated_stds:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
+        else:
+            doubt = ""
         out[name] = ParameterChange(float(value(q.base, name)), float(value(logged, name)),
                                     final.stds[name], unit(q.base, name), doubt)
     return out

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.vehicle import PAPER
+from dart_hal.vehicle import PAPER, make_steering
 from dart_lab.identification.submodels import fit_submodels
 from dart_lab.identification.submodels import steering as submodel_steering
 from dart_lab.identification.submodels.understeer import estimate_understeer
@@ -207,3 +207,30 @@ def test_steering_that_never_changes_shows_no_delay(workshop, lively):
     assert not fits["delay"].converged
     assert fits["delay"].values()["steering_s"] == PAPER.delay.steering_s
     assert all(any("hardly changes" in why for why in f.why) for f in files.values())
+
+
+@pytest.mark.slow
+def test_a_servo_without_saturation_is_no_failed_fit(workshop, lively):
+    """A linkage that turns the wheels more near its end: the map ends as a straight line."""
+    straight = {"a_left_rad": 1.4, "k_left": 0.3, "a_right_rad": 1.4, "k_right": 0.3}
+    car = replace(lively, steering=replace(lively.steering, s0=0.0, **straight))
+    truth = make_steering(car.steering, np)
+    command = np.linspace(-1.0, 1.0, 21)
+    at_bound = 0
+    for first in (0, 10, 20):
+        steering = np.tile(np.repeat(np.stack([command, command[::-1]] * 2), 300, axis=1), (1, 1))
+        tau = np.repeat([[0.2], [0.2], [0.22], [0.22]], steering.shape[1], axis=1)
+        driven = workshop.drive(car, tau, bend(steering), np.random.default_rng(first))
+        recordings = workshop.recordings(replace(driven, steering=steering), first, name="bent")
+        fit = fit_submodels(recordings, ("steering",))[0]["steering"]
+        found = {n: fit.parameters[n].value for n in MAP}
+        at_bound += max(found["a_left_rad"], found["a_right_rad"]) > 1.19
+        assert fit.sound, fit.at_bound
+        angle = make_steering(replace(car.steering, **found), np)(command)
+        assert np.max(np.abs(angle - truth(bend(command)))) < 0.02
+    assert at_bound, "no fit ended at the largest amplitude: the test tests nothing"
+
+
+def bend(command):
+    """Return the commands that a linkage makes of commands: less at the middle."""
+    return 0.9 * command + 0.1 * command**3

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -36,6 +36,7 @@ from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, SpeedLoop, Vehicle
 from dart_hal.vehicle.scale import find_scale
+from dart_hal.vehicle.steering import is_straight
 from dart_lab.identification.evidence.coordinates import Coordinates
 from dart_lab.identification.fit import MAX_TIME_STD, FittedParameter, SubmodelFit
 from dart_lab.identification.prediction.rollout import label_stretches
@@ -340,8 +341,10 @@ def _extract_submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covar
         float(value(vehicle, names[i])), float(std[i]), unit(vehicle, names[i]),
         bool(identified[i]) and (name != "delay" or float(std[i]) < MAX_TIME_STD)) for i in mine}
     # A delay or lag of 0 is a valid result and not a bound that the fit hit; the upper bound is.
+    # The amplitude of a straight line of the steering is not determined.
     stopped = tuple(key for i in mine if data.at_bound[i]
                     and (key := names[i].partition(".")[2]) not in TYRE_SHAPE_NAMES
+                    and not is_straight(key, asdict(vehicle.steering))
                     and (name != "delay" or value(vehicle, names[i]) > BOUND_TOLERANCE))
     return SubmodelFit(name, estimates, covariance[np.ix_(mine, mine)], len(data.residual),
                        data.rmse, "typical error", data.converged, stopped, cpu,

@@ -29,6 +29,7 @@ from dart_hal.vehicle import Vehicle, make_steering
 from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
 from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.scale import find_scale
+from dart_hal.vehicle.steering import is_straight
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.submodels.report import PARAMETER_UNITS, Ledger, make_unidentified
 from dart_lab.identification.submodels.steady import (
@@ -110,7 +111,9 @@ def _make_fit(samples: Samples, found: PaperMap, notes: list[str], cpu_s: float)
         known = std < limit and side > MIN_SIDE_COMMAND and independent[i] > 0.01
         out[name] = FittedParameter(value, std, unit, bool(known))
     residual = s.residual[:len(samples)]
-    stopped = tuple(n for n, edge in zip(units, s.at_bound, strict=True) if edge)
+    # The amplitude of a straight line is not determined: its bound is no error of the fit.
+    stopped = tuple(n for n, edge in zip(units, s.at_bound, strict=True)
+                    if edge and not is_straight(n, found.as_dict()))
     return SubmodelFit("steering", out, covariance, len(samples),
                        float(np.sqrt(np.mean(residual**2))), "rad", s.converged, stopped, cpu_s,
                        tuple(notes))
