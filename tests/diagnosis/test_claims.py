@@ -102,6 +102,8 @@ def test_wrong_size_of_car_toml_is_a_finding_about_car_toml(folder):
     inertia = c.quantities["yaw inertia"]
     assert inertia.after == pytest.approx(1.6 * inertia.before, rel=0.15)
     assert found.refitted["body.mass"].after == pytest.approx(PAPER.body.mass, abs=0.04)
+    assert found.refitted["body.yaw_inertia"].std == pytest.approx(inertia.std, rel=0.1), (
+        "the file states the same error as the report")
     assert found.verdict == "parameters_only"
 
 

@@ -155,6 +155,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
                    for one in distinguished)
     changes = _list_parameter_changes(q, final)
     claims = _find_claims(q, last, final, losses) if q.refit else ()
+    changes = _take_errors_of_claims(changes, claims)
     given = _predict_with(q, losses, found.given,
                           given_vehicles_for_logs(q, found.given, predictor))
     fitted = _predict_with(q, losses, final, predictor(final))
@@ -347,6 +348,14 @@ def _list_parameter_changes(q: DiagnosisSetup, final: FinalFit) -> dict[str, Par
         out[name] = ParameterChange(float(value(q.base, name)), float(value(logged, name)),
                                     final.stds[name], unit(q.base, name), doubt)
     return out
+
+
+def _take_errors_of_claims(changes: Mapping[str, ParameterChange], claims: Sequence[Claim]
+                           ) -> dict[str, ParameterChange]:
+    """Return the changes with the errors of the claims, which do without contradicted priors."""
+    stds = {name: std for claim in claims for name, std in claim.stds.items()}
+    return {name: replace(change, std=max(change.std, stds.get(name, 0.0)))
+            for name, change in changes.items()}
 
 
 def _find_correlation(final: FinalFit, changes: Mapping[str, ParameterChange]

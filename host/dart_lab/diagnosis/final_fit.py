@@ -199,7 +199,7 @@ class FinalFit:
 
     vehicle, timing: with all effects. point: the fit of the parameters that change the motion. With
     its covariance (k, k) the error of any quantity of the car can be computed, see
-    ``claims.quantity_changes``. stds: standard errors by name, in SI units.
+    ``claims.find_changes``. stds: standard errors by name, in SI units.
     """
 
     vehicle: Vehicle

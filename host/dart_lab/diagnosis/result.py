@@ -156,8 +156,9 @@ class QuantityChange(JsonFields):
 class Claim(JsonFields):
     """Parameters of the model that were wrong.
 
-    cost: root of the robust loss of the test recordings with this group at its old value over that
-    with all refitted, and its 90 % interval (NaN where they are too short).
+    parameters: what their full names begin with; stds: their standard errors, by full name; cost:
+    root of the robust loss of the test recordings with this group at its old value over that with
+    all refitted, and its 90 % interval (NaN where they are too short).
     """
 
     group: str
@@ -169,6 +170,7 @@ class Claim(JsonFields):
     cannot_be_told_from: tuple[str, ...]
     experiment: str
     constancy: Constancy
+    stds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def constant(self) -> bool:

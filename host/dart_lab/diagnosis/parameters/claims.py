@@ -135,14 +135,15 @@ def _make_claim(inputs: ClaimInputs, part: GroupSet, probability: float, costs: 
     mine = find_coordinates(groups.full, names)
     tangent = parameter_tangent(groups.full, mine)
     linear = replace(inputs.linear, tangent={group: tangent}, coordinates={group: mine})
-    return Claim(group, title, names, probability, quantity_changes(inputs, names, quantities),
+    changes, stds = find_changes(inputs, names, quantities)
+    return Claim(group, title, names, probability, changes,
                  costs, confounders, " ".join(k.experiment for k in known),
-                 assess_constancy(linear, group, policy.grade, inputs.seed))
+                 assess_constancy(linear, group, policy.grade, inputs.seed), stds)
 
 
-def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
-                     quantities: Quantities) -> dict[str, QuantityChange]:
-    """Return old and new value of each quantity, and the standard error of the new one.
+def find_changes(inputs: ClaimInputs, names: tuple[str, ...], quantities: Quantities
+                 ) -> tuple[dict[str, QuantityChange], dict[str, float]]:
+    """Return old and new value of each quantity with its error, and errors of the parameters.
 
     The stated errors of these parameters are contradicted, but draw the fit towards the stated
     values.
@@ -170,7 +171,9 @@ def quantity_changes(inputs: ClaimInputs, names: tuple[str, ...],
         values = np.array([quantity(car) for car in cars])
         error = math.hypot(float(np.std(values)), quantity(released) - quantity(fitted))
         out[name] = QuantityChange(quantity(base), quantity(inputs.logged), error, unit)
-    return out
+    moved = x - point.x
+    stds = point.space.standard_errors(point.x, covariance + np.outer(moved, moved))
+    return out, {point.space.names[i]: stds[point.space.names[i]] for i in mine}
 
 
 def release_prior(point: Point, covariance: FloatArray, mine: Sequence[int], width: float
