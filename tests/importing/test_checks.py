@@ -13,6 +13,10 @@ from dart_lab.importing.maps import Column, column_of, parse_map
 from dart_lab.importing.tables import Table
 from tests.importing.logs import MAP, make_log, write_csv
 
+DEG = np.pi / 180.0
+KMH = 1.0 / 3.6
+G = 9.80665
+
 
 @pytest.fixture(scope="module")
 def log():
@@ -103,6 +107,34 @@ def test_a_guess_takes_the_units_from_the_names(log):
     assert (guess.map.steering.kind, guess.map.throttle.kind) == ("command", "duty")
     assert column_of(guess.map.steering.value).unit == "%"
     assert [q.partition(":")[0] for q in guess.questions] == ["throttle"]
+
+
+@pytest.mark.parametrize("names", [
+    {"Zeit [ms]": ("t", 1e-3), "X mm": ("x", 1e-3), "Y mm": ("y", 1e-3), "Yaw °": ("yaw", DEG),
+     "v km/h": ("speed", KMH), "gyr_z °/s": ("yaw_rate", DEG), "ax g": ("accel_x", G),
+     "ay g": ("accel_y", G)},
+    {"ms": ("t", 1e-3), "x_mm": ("x", 1e-3), "y_mm": ("y", 1e-3), "heading_deg": ("yaw", DEG),
+     "wheel_mm_s": ("speed", 1e-3), "gyro_z_deg_s": ("yaw_rate", DEG),
+     "acc_x_m_s2": ("accel_x", 1.0), "acc_y_m_s2": ("accel_y", 1.0)},
+    {"t": ("t", 1.0), "posX[cm]": ("x", 1e-2), "posY[cm]": ("y", 1e-2), "theta": ("yaw", 1.0),
+     "wheel speed (cm/s)": ("speed", 1e-2), "w_z": ("yaw_rate", 1.0),
+     "a_x (m/s²)": ("accel_x", 1.0), "a_y (m/s²)": ("accel_y", 1.0)}],
+    ids=["with a space", "with underscores", "in brackets"])
+def test_a_guess_reads_names_as_people_write_them(log, names):
+    columns = {name: log[key] / unit for name, (key, unit) in names.items()}
+    table = Table("log", {**columns, "steering": log["steering"], "throttle": log["throttle"]})
+    data = convert_tables([table], guess_map([table]).map)
+    expected = convert_tables([Table("log", log)], parse_map(MAP, "map"))
+    for name, stream in expected.streams.items():
+        assert data.streams[name].values == pytest.approx(stream.values, abs=1e-6), name
+
+
+def test_pulses_beyond_the_usual_range_still_show_a_reversed_sign(log):
+    columns = {**log, "steering": 1500.0 - 400.0 * log["steering"],
+               "throttle": 1500.0 + 1600.0 * log["throttle"]}
+    guess = guess_map([Table("log", columns)]).map
+    assert (guess.steering.full_scale, column_of(guess.steering.value).sign) == (4e-4, -1)
+    assert guess.throttle.full_scale == pytest.approx(6e-4, abs=5e-5)
 
 
 @pytest.mark.slow

@@ -10,8 +10,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
@@ -53,11 +54,12 @@ NAME_RULES: dict[str, tuple[str, ...]] = {
     "throttle": (r"throttle", r"duty",
                  r"drive\.speed|(cmd|command|ref|target)[^a-z]*.*(speed|vel)"),
     "speed": (r"enc(oder)?" + END + r"|vel encoder|wheel.*(speed|vel)", r"twist\.linear\.x",
-              r"odom.*(speed|vel|vx)|state\.speed|erpm", r"^(v|vx|speed|velocity)" + END),
+              r"odom.*(speed|vel|vx)|state\.speed|erpm", r"^(v|vx|speed|velocity)" + END,
+              r"wheel.*(m[/_]s|km[/_]?h)"),
     "yaw_rate": (r"angular_velocity\.z|^w \(imu\)|gyr(o)?[ _]?z|yaw[ _]?rate",
-                 r"^(omega|r|wz)" + END),
-    "accel_x": (r"linear_acceleration\.x|ac(c|l|cel)[a-z]*[ _]?x",),
-    "accel_y": (r"linear_acceleration\.y|ac(c|l|cel)[a-z]*[ _]?y",),
+                 r"^(omega|r|w[ _]?z)" + END),
+    "accel_x": (r"linear_acceleration\.x|ac(c|l|cel)[a-z]*[ _]?x", r"^a[ _]?x" + END),
+    "accel_y": (r"linear_acceleration\.y|ac(c|l|cel)[a-z]*[ _]?y", r"^a[ _]?y" + END),
     "gate": (r"safety|enable|deadman|gate",),
     "voltage": (r"voltage_input$|(^|[^a-z])v_?in$",
                 r"(batt|bat|pack|lipo)[a-z]*.*(volt|[ _.]v" + END + r")|vbat", r"volt"),
@@ -67,13 +69,21 @@ NOT_A_POSITION = re.compile(r"acc|acl|vel|speed|gyr|omega|vx|covariance|angular|
 # Voltages of something else than the whole battery.
 NOT_OF_THE_PACK = re.compile(r"cell|motor|servo|logic|percent|5v|3v3|charge")
 COMMAND = re.compile(r"cmd|command|drive\.|ref|target|user/|pilot/")
-UNIT_IN_NAME = re.compile(r"[\[(_ ](m/s2|m/s|rad/s|deg/s|rad|deg|km/h|mm|cm|ms|us|ns|rpm|%|s|m|g|"
-                          r"kmh|kph|mps|dps|pct|percent)[\])]?$")
-UNIT_SPELLINGS = {"kmh": "km/h", "kph": "km/h", "mps": "m/s", "dps": "deg/s", "pct": "%",
-                  "percent": "%"}
+# How names spell units, in lower case. A voltage is recognised by its size.
+UNIT_SPELLINGS = {
+    spelling: unit for unit in UNITS if unit not in ("1", "V", "mV")
+    for spelling in (unit, unit.replace("/", "_"))} | {
+    "kmh": "km/h", "kph": "km/h", "mps": "m/s", "dps": "deg/s", "pct": "%", "percent": "%",
+    "°": "deg", "°/s": "deg/s", "\u00b5s": "us", "\u03bcs": "us", "m/s²": "m/s2",
+    "m/s^2": "m/s2"}
+UNIT_IN_NAME = re.compile(rf"[\[(_ ]({'|'.join(map(re.escape, UNIT_SPELLINGS))})[\])]?$")
 # A steering command above this [rad] is none in degrees; above 100 it is a pulse [us].
 MAX_STEERING_ANGLE = 1.0
 MIN_PULSE = 500.0
+# us; usual neutral and reach of a servo, and steps of a larger reach.
+NEUTRAL = 1500.0
+USUAL_REACH = 400.0
+PULSE_STEP = 50.0
 
 
 @dataclass
@@ -172,7 +182,14 @@ def _candidates(tables: Sequence[Table], role: str,
 def _column(name: str) -> Column:
     """Return a column with the unit that its name states."""
     unit = UNIT_IN_NAME.search(name.lower())
-    return Column(column=name, unit=UNIT_SPELLINGS.get(unit[1], unit[1]) if unit else "1")
+    return Column(column=name, unit=UNIT_SPELLINGS[unit[1]] if unit else "1")
+
+
+def _find_y(x: str, names: Collection[str]) -> str | None:
+    """Return the name that differs from that of x by one letter alone, y for x; else None."""
+    found = [y for i, letter in enumerate(x) if letter in "xX"
+             if (y := x[:i] + chr(ord(letter) + 1) + x[i + 1:]) in names]
+    return found[-1] if found else None
 
 
 def _find_time(table: Table) -> Column | None:
@@ -191,7 +208,8 @@ def _find_time(table: Table) -> Column | None:
         steps = np.diff(values)
         if len(steps) > 10 and np.all(steps > 0.0) and float(steps.max()) < 20.0 * float(
                 np.median(steps)):
-            return Column(column=name, unit="s")
+            units = [u for u in (name.lower(), _column(name).unit) if u in ("ms", "us", "ns")]
+            return Column(column=name, unit=units[0] if units else "s")
     return None
 
 
@@ -212,11 +230,11 @@ def _add_poses(proposal: Proposal, tables: Sequence[Table]) -> None:
         return not NOT_A_POSITION.search(name)
 
     for table, x in _candidates(tables, "x", is_position):
-        y = re.sub(r"x(?=[^a-zA-Z0-9]*$|\(|_[mc]?m$)", "y", x, count=1)
+        y = _find_y(x, table.columns)
         stem = re.sub(r"position\.x$|[ _./]?x$", "", x)
         yaws = [name for _, name in _candidates([table], "yaw")]
         yaws.sort(key=lambda name: not name.startswith(stem))
-        if y in table.columns and y != x and yaws:
+        if y is not None and yaws:
             columns = {"x": _column(x), "y": _column(y), "yaw": _column(yaws[0])}
             if _with_time(proposal, "poses", table, columns, "by their names"):
                 return
@@ -263,9 +281,7 @@ def _add_commands(proposal: Proposal, tables: Sequence[Table]) -> None:
         for table, name in candidates:
             if not _with_time(proposal, stream, table, {"value": _column(name)}, "by its name"):
                 continue
-            values = table.columns[name]
-            largest = float(np.nanmax(np.abs(values)))
-            _set_kind(proposal, stream, name, largest)
+            _set_kind(proposal, stream, name, table.columns[name])
             break
     if "throttle" in proposal.tables:
         table = proposal.tables["throttle"]
@@ -276,8 +292,9 @@ def _add_commands(proposal: Proposal, tables: Sequence[Table]) -> None:
                 break
 
 
-def _set_kind(proposal: Proposal, stream: str, name: str, largest: float) -> None:
-    """Set the kind of a command from its name and its largest magnitude."""
+def _set_kind(proposal: Proposal, stream: str, name: str, values: FloatArray) -> None:
+    """Set the kind of a command from its name and its values."""
+    largest = float(np.nanmax(np.abs(values)))
     settings = proposal.settings[stream]
     column = proposal.columns[stream]["value"]
     low = name.lower()
@@ -286,8 +303,10 @@ def _set_kind(proposal: Proposal, stream: str, name: str, largest: float) -> Non
         proposal.columns[stream]["value"] = msgspec.structs.replace(column, **changes)
 
     if largest > MIN_PULSE:
-        settings |= {"kind": "pulse", "full_scale": 400e-6}
-        replace(unit="us", zero=1500.0)
+        # The usual range, or the next larger one that has all pulses.
+        reach = PULSE_STEP * math.ceil(float(np.nanmax(np.abs(values - NEUTRAL))) / PULSE_STEP)
+        settings |= {"kind": "pulse", "full_scale": max(reach, USUAL_REACH) / 1e6}
+        replace(unit="us", zero=NEUTRAL)
         proposal.questions.append(f"{stream}: pulses up to {largest:.0f} us; which one is neutral "
                                   "(zero), and what is half their range (full_scale)?")
     elif column.unit == "%" and largest <= 100.0 * COMMAND_TOLERANCE:
