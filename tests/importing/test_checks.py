@@ -226,6 +226,26 @@ def test_a_commanded_speed_in_another_unit_states_its_scale(log):
     assert not [str(f) for f in find(scaled, SPEED) if f.remedy]
 
 
+@pytest.mark.parametrize(("factor", "remedy"), [
+    (3.6, 'value of [throttle] needs unit = "km/h"'), (1000.0, 'needs unit = "mm/s"'),
+    (5.0, "multiply the scale of value of [throttle] by 0.2"), (2.0, None)])
+def test_a_commanded_speed_that_no_car_follows_is_severe(log, factor, remedy):
+    found = [f for f in find({**log, "throttle": 6.0 * factor * log["throttle"]}, SPEED)
+             if f.severe]
+    assert [remedy in f.remedy for f in found] == ([] if remedy is None else [True])
+
+
+@pytest.mark.parametrize(("step", "stated"), [(1, False), (4, False), (10, True)])
+def test_rare_rows_are_stated(log, step, stated):
+    found = [str(f) for f in find({name: values[::step] for name, values in log.items()})]
+    assert any("poses: 10 rows a second; record at 25 Hz" in line for line in found) == stated
+
+
+def test_an_offset_that_is_no_error_has_its_direction_in_words(log):
+    early = {**log, "yaw_rate": np.roll(log["yaw_rate"], -3)}
+    assert any(re.search(r"\d+ ms earlier", str(f)) for f in find(early) if f.what == "gyro")
+
+
 def test_a_limit_of_the_speed_is_found_and_applied():
     log = make_log(40.0, limit=1.2)
     log["throttle"] *= 6.0

@@ -89,7 +89,7 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
     old = None if replaced else rename_existing(target)
     write_imported(data, target)
     if as_json:
-        print_json(_to_json(data, findings, target, old))
+        print_json(_to_json(data, findings, target, old) | {"replaced": replaced})
         return 0
     if replaced:
         console.print(f"{target} is replaced: it was an import, which its log gives again",

@@ -32,6 +32,10 @@ MIN_SAMPLES = 100
 MIN_CORRELATION = 0.6
 # Ratios within which two sources agree; a scale outside is stated.
 MAX_SCALE_ERROR = 1.25
+# Ratio of speed and commanded speed above which the command is no speed in that unit.
+MAX_COMMAND_RATIO = 3.0
+# s between rows above which a fit sees little of delays and lags, which are 0.05 to 0.2 s.
+MAX_ROW_TIME = 0.04
 # Ratios by which a mistaken unit is recognised, by the compared column, with a tolerance of 20 %.
 UNIT_RATIOS = {
     "yaw": {57.29578: "deg", 0.01745329: "rad"},
@@ -130,7 +134,7 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
         findings += _check_axes(lateral) or _compare(lateral, "accelerometer", "accel_y", "lateral",
                                                      "yaw rate times speed", key="y")
     findings += _check_commands(g, rate, speed)
-    findings += _find_repeated_rows(data)
+    findings += _find_repeated_rows(data) + _find_slow_rows(data)
     if data.drive == "speed":
         findings += _check_speed_command(g)
     return findings
@@ -320,8 +324,9 @@ def _compare(g: GridData, table: str, name: str, reference: str, words: str,
         findings.append(ImportFinding(table, f"{key} is {abs(offset):.2f} s "
                                 f"{'later' if offset > 0.0 else 'earlier'} than {words}",
                                 f"[{table}] needs delay = {offset:.2f}, if it is the clock"))
-    return findings or [ImportFinding(table, f"{key} is {ratio:.2f} times {words}, "
-                                f"{1e3 * offset:+.0f} ms later (correlation {found:.2f})")]
+    when = f"{1e3 * abs(offset):.0f} ms {'later' if offset >= 0.0 else 'earlier'}"
+    return findings or [ImportFinding(table, f"{key} is {ratio:.2f} times {words}, {when} "
+                                             f"(correlation {found:.2f})")]
 
 
 def _find_repeated_rows(data: ImportedData) -> list[ImportFinding]:
@@ -337,6 +342,15 @@ def _find_repeated_rows(data: ImportedData) -> list[ImportFinding]:
                 f'write changes = "..." into [{name}], a column that changes with each message of '
                 "it; so for the encoder"))
     return findings
+
+
+def _find_slow_rows(data: ImportedData) -> list[ImportFinding]:
+    """Find measurements that are too rare for delays and lags."""
+    return [ImportFinding(name, f"{1.0 / stream.period:.0f} rows a second",
+                          f"record at {1.0 / MAX_ROW_TIME:.0f} Hz or more: a fit sees little of "
+                          "delays, lags and short turns")
+            for name, stream in data.streams.items()
+            if name not in ("commands", "battery") and stream.period > MAX_ROW_TIME]
 
 
 def _check_axes(g: GridData) -> list[ImportFinding]:
@@ -378,10 +392,15 @@ def _check_speed_command(g: GridData) -> list[ImportFinding]:
             "below the limit, or another recording, show the scale")]
     ratio = float(np.median(speed[use] / command[use]))
     text = f"in steady driving the speed is {ratio:.3g} times the command"
+    unit = _find_unit("speed", 1.0 / ratio)
+    if unit:
+        return [ImportFinding("throttle", text, f'value of [throttle] needs unit = "{unit}"',
+                              severe=True, change=("throttle", "value", "unit", unit))]
     if 1.0 / MAX_SCALE_ERROR < ratio < MAX_SCALE_ERROR:
         return [ImportFinding("throttle", text)]
     return [ImportFinding("throttle", text, "multiply the scale of value of [throttle] by "
-                          f"{ratio:.3g}, if it is no tyre that slips")]
+                          f"{ratio:.3g}, if it is no tyre that slips",
+                          severe=not 1.0 / MAX_COMMAND_RATIO < ratio < MAX_COMMAND_RATIO)]
 
 
 def _range(values: FloatArray) -> FloatArray:
