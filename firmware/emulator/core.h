@@ -142,7 +142,7 @@ struct emu {
 	/* what pin `bit` of port B carries, when PORTB says port_level */
 	int (*drives_b)(const emu_t *e, int bit, int port_level);
 	struct {
-		bool behind_mux; /* D8 gets its level while D5 is high */
+		int gate; /* D8 gets its level while D5 or D6 is high; 0: always */
 		bool level;
 	} capture;
 	struct {

@@ -11,7 +11,8 @@
 
 static void capture_show(emu_t *e)
 {
-	bool through = !e->capture.behind_mux || e->state[2][5] == PIN_HIGH;
+	int gate = e->capture.gate;
+	bool through = !gate || e->state[2][gate] == PIN_HIGH;
 
 	pins_input(e, 0, 0, e->capture.level && through);
 }
@@ -24,7 +25,7 @@ static void changed(emu_t *e, int port, int bit, int state)
 	log_put(&e->pins, e->avr->cycle, port << 4 | bit, state);
 	if (e->hangs[port][bit])
 		e->hangs[port][bit](e, state);
-	if (port == 2 && bit == 5 && e->capture.behind_mux)
+	if (port == 2 && bit && bit == e->capture.gate)
 		capture_show(e);
 }
 
@@ -133,9 +134,9 @@ void emu_pin(emu_t *e, int port, int bit, int level)
 	}
 }
 
-void emu_capture(emu_t *e, int behind_mux)
+void emu_capture(emu_t *e, int gate)
 {
-	e->capture.behind_mux = behind_mux != 0;
+	e->capture.gate = gate == 5 || gate == 6 ? gate : 0;
 	capture_show(e);
 }
 

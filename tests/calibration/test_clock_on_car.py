@@ -61,7 +61,7 @@ def test_control_by_the_nanos_clock_it_would_be_off(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_without_the_wire_the_error_names_the_alternative(tmp_path):
     def cut(world):
-        world._capture_edges = lambda now: []
+        world._capture_edges = list
 
     with pytest.raises(CalibrationFailed, match="does not receive the PCA9685's pulses") as caught:
         measured(f"{URL}1", tmp_path, cut)

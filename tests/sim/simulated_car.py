@@ -28,6 +28,11 @@ class RawCar:
         s, t = round(steering_us / count), round(throttle_us / count)
         self.backend.bus.writeto(0x40, bytes((0x06, 0, 0, s & 255, s >> 8, 0, 0, t & 255, t >> 8)))
 
+    def spare_pulse(self, pulse_us):
+        """Write the pulse of the spare channel, which the Nano sees at D8."""
+        n = round(pulse_us * self.world.car.oscillator_hz / 122e6)
+        self.backend.bus.writeto(0x40, bytes((0x06 + 4 * 15, 0, 0, n & 255, n >> 8)))
+
     def run(self, seconds, on_frame=None):
         end = self.backend.clock.now() + seconds
         while self.backend.clock.now() < end - 1e-9:

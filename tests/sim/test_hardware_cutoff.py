@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
-from dart_hal.core.errors import UsageError
+from dart_hal.car import Car
+from dart_hal.car.cutoff_test import CutoffTest
+from dart_hal.core.errors import NotArmed, UsageError
+from dart_hal.devices.actuation.chain import WATCH_PULSE_US
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
 from dart_lab.sim.cutoff import Multiplexer, make_wiring
 from dart_lab.sim.pca9685 import Pca9685Model
+from dart_lab.sim.truth import world_of
 
 COUNT = 122 / 25e6
 
@@ -121,6 +127,70 @@ def test_a_switch_inside_a_pulse_cuts_it():
     assert isinstance(mux, Multiplexer)
     mux.apply_pin_edges([(0.010, "D9", 1), (0.0105, "D5", 1), (0.0115, "D9", 0)])
     assert mux.esc_pulses(1, 0.1) == [(0.010, 0.0105)]
+
+
+def is_whole(pulse):
+    """Whether a pulse is neutral or that of the throttle of ``Beating.drive``."""
+    return any(abs(1e6 * (pulse[1] - pulse[0]) - width) < 15.0 for width in (1500, 1680))
+
+
+def find_cut_pulses(raw_car, nano, seed, watched):
+    """Return the cut pulses at the ESC of a car with /OE whose host dies at any time of a frame."""
+    beating = Beating(raw_car(f"sim://?nano={nano}&cutoff=oe&seed={seed}"))
+    if watched:
+        beating.car.spare_pulse(WATCH_PULSE_US)
+    beating.drive().run(0.0023 * seed)
+    beating.die().run(0.5)
+    assert not [p for p in beating.esc_pulses if p[1] > beating.died + 0.145]
+    return [p for p in beating.esc_pulses if not is_whole(p)]
+
+
+@pytest.mark.parametrize(("nano", "seeds"), [("mock", 40), ("avr", 12)])
+@pytest.mark.slow
+def test_output_enable_cuts_no_pulse_when_beats_cease(raw_car, nano, seeds):
+    """An ESC takes the rest of a pulse for a command, and holds it when no other follows."""
+    assert not [seed for seed in range(seeds) if find_cut_pulses(raw_car, nano, seed, True)]
+
+
+@pytest.mark.parametrize("nano", ["mock", "avr"])
+@pytest.mark.slow
+def test_output_enable_cuts_pulses_without_the_wire_to_d8(raw_car, nano):
+    """The control: the wire is why no pulse is cut."""
+    assert any(find_cut_pulses(raw_car, nano, seed, False) for seed in range(60))
+
+
+def arm_often(nano, seed, wired):
+    """Return the pulses at the ESC of a car with /OE that is armed eight times, before its end."""
+    pulses = []
+    with Car.open(f"sim://?seed={seed}&nano={nano}&cutoff=oe") as car:
+        world = world_of(car._engine.backend)
+        if not wired:
+            world._capture_edges = list
+        world.watchers.append(lambda channel, p: pulses.append(p) if channel == 1 else None)
+        for _ in range(8):
+            with contextlib.suppress(NotArmed):  # a cut pulse has moved the car
+                for _ in car.arming():
+                    pass
+            car.stop()
+            for _ in car.states(duration=0.3):
+                pass
+        assert len(pulses) > 100
+        return list(pulses)
+
+
+@pytest.mark.parametrize("wired", [True, False], ids=["D8 wired", "D8 open"])
+@pytest.mark.parametrize(("nano", "seed"), [("mock", 2), ("mock", 6), ("mock", 10), ("avr", 6)])
+@pytest.mark.slow
+def test_arming_cuts_no_pulse(nano, seed, wired):
+    """The self-test of the cut-off switches the outputs off and on at every arm()."""
+    assert not [p for p in arm_often(nano, seed, wired) if not is_whole(p)]
+
+
+@pytest.mark.slow
+def test_without_silence_and_wire_arming_cuts_pulses(monkeypatch):
+    """The control."""
+    monkeypatch.setattr(CutoffTest, "silent", False)
+    assert [p for p in arm_often("mock", 6, wired=False) if not is_whole(p)]
 
 
 def test_unknown_cutoff_is_refused():

@@ -26,7 +26,12 @@ constexpr uint16_t kRetry = 3000 * kTicksPerUs;
 constexpr uint8_t kSetAtMatch = _BV(COM1A1) | _BV(COM1A0);
 constexpr uint8_t kClearAtMatch = _BV(COM1A1);
 
+// 1 kohm and 100 pF before D8, and the synchroniser: 1.5 us.
+constexpr uint8_t kLookCycles = 16;
+
 Cutoff fitted = Cutoff::kNone;
+volatile bool enable_wanted;
+bool enabled;
 volatile bool pass_wanted;
 bool passing;
 BeatCounter beats;
@@ -69,12 +74,56 @@ inline bool switch_between_pulses(bool pass) {
     return true;
   }
   select(true);
-  __builtin_avr_delay_cycles(16);  // 1 kohm and 100 pF, and the synchroniser
+  __builtin_avr_delay_cycles(kLookCycles);
   if (board_is_high()) {
     select(false);
     return false;
   }
   return true;
+}
+
+inline void gate(bool on) {
+  if (on) {
+    PORTD |= kGate;
+  } else {
+    PORTD &= static_cast<uint8_t>(~kGate);
+  }
+  enabled = on;
+}
+
+inline bool enable_waits() { return (TIMSK1 & _BV(OCIE1A)) != 0; }
+
+// Switches /OE, or kRetry later if that would cut a pulse of the PCA9685.
+// While /OE is high, D8 tells nothing: the way there is a look of 1.5 us.
+inline void enable_follow() {
+  if (enable_wanted == enabled || enable_waits()) {
+    return;
+  }
+  bool high = false;
+  if (enable_wanted) {
+    gate(true);
+    __builtin_avr_delay_cycles(kLookCycles);
+    high = board_is_high();
+    if (high) {
+      gate(false);
+    }
+  } else {
+    high = board_is_high();
+    if (!high) {
+      gate(false);
+    }
+  }
+  if (high) {
+    OCR1A = static_cast<uint16_t>(now_low() + kRetry);
+    TIFR1 = _BV(OCF1A);
+    TIMSK1 = static_cast<uint8_t>(TIMSK1 | _BV(OCIE1A));
+  }
+}
+
+// Switches whatever D8 says: it may not be wired, and the wait has a bound.
+inline void enable_retry() {
+  TIMSK1 = static_cast<uint8_t>(TIMSK1 & ~_BV(OCIE1A));
+  gate(enable_wanted);
 }
 
 inline void wait(uint16_t ticks, Step next) {
@@ -136,11 +185,8 @@ void outputs_start(Cutoff cutoff) {
 void outputs_set(SafetyOutput const& output) {
   Atomic const lock;
   if (fitted == Cutoff::kEnable) {
-    if (output.enable) {
-      PORTD |= kGate;
-    } else {
-      PORTD &= static_cast<uint8_t>(~kGate);
-    }
+    enable_wanted = output.enable;
+    enable_follow();
   } else if (fitted == Cutoff::kMultiplexer) {
     pass_wanted = output.pass;
     if (output.own_pulse && (TIMSK1 & _BV(OCIE1A)) == 0) {
@@ -153,8 +199,9 @@ void beats_refresh(uint16_t limit_ms) { beats.beat(limit_ms); }
 
 void outputs_cut() {
   pass_wanted = false;  // the multiplexer follows within one period
+  enable_wanted = false;
   if (fitted == Cutoff::kEnable) {
-    PORTD &= static_cast<uint8_t>(~kGate);
+    enable_follow();
   }
 }
 
@@ -177,7 +224,9 @@ void led(bool on) {
 
 ISR(TIMER1_COMPA_vect) {
   using namespace dart::board;
-  if (step == Step::kRise) {
+  if (fitted == Cutoff::kEnable) {
+    enable_retry();
+  } else if (step == Step::kRise) {
     begin_pulse();
   } else {
     after_pulse();

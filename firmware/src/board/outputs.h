@@ -8,6 +8,9 @@
 // at least as long as the ESC's, D8 tells when the PCA9685's is high and the
 // switch comes 3 ms later: no pulse is cut either. Without that, one pulse
 // of the PCA9685 may be shortened at a switch. All within 23 ms.
+//
+// /OE is switched in the same way, within 3 ms: the ESC would take the rest
+// of a pulse that is cut for a command, and hold it while no other follows.
 #ifndef DART_BOARD_OUTPUTS_H
 #define DART_BOARD_OUTPUTS_H
 
@@ -29,7 +32,7 @@ void outputs_set(SafetyOutput const& output);
 // A valid beat came: safe `limit_ms` to one slot more without another.
 void beats_refresh(uint16_t limit_ms);
 
-// With interrupts off: /OE high, own neutral to the ESC.
+// With interrupts off: /OE high, own neutral to the ESC, as outputs_set.
 void outputs_cut();
 
 // From the slot interrupt, each 10 ms.

@@ -3,11 +3,13 @@
 The spare channel of the PCA9685 carries a pulse, which passes through the cut-off to the input
 capture of the Nano (D8).
 
-1. The Nano switches the outputs off: no pulse may arrive.
-2. The Nano switches them on: pulses must arrive, else the input capture is not wired.
+1. With a cut-off by /OE, servo and ESC get no pulse until the end of the test: without the wire to
+   D8 the Nano would cut a pulse of the ESC, which would take the rest for a command.
+2. The Nano switches the outputs off: no pulse may arrive.
+3. The Nano switches them on: pulses must arrive, else the input capture is not wired.
 
-The ESC gets neutral meanwhile, and no pulse for a moment with a cut-off by /OE. Its neutral time
-therefore counts from the end of the test.
+With a multiplexer the ESC gets neutral meanwhile. With /OE its neutral time counts from the end of
+the test.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from dart_hal.wire.messages import CAPTURE_REQ
 CAPTURED_PWM_PERIODS = 2
 # s until a new mode acts: a heartbeat of 20 ms, a PWM frame of 20 ms, a time slot of the Nano.
 MODE_CHANGE_TIME = 0.06
+# s until the PCA9685 has no pulse: the frame of the program, and the rest of its own.
+SILENCE_TIME = 0.05
 # s within which CAPTURE arrives: 100 ms, 25 ms per period, and its turn on the line.
 MAX_CAPTURE_TIME = 0.4
 
@@ -41,7 +45,14 @@ class CutoffTest:
         self.done = False
         self._cutting = True
         self._requested_at: float | None = None
-        self._request_at = now + MODE_CHANGE_TIME
+        self._cut_at = now + SILENCE_TIME if self._oe else now
+        self._request_at = self._cut_at + MODE_CHANGE_TIME
+        self._now = now
+
+    @property
+    def silent(self) -> bool:
+        """Whether servo and ESC get no pulse."""
+        return self._oe and not self.done
 
     @property
     def beat(self) -> str:
@@ -50,12 +61,13 @@ class CutoffTest:
         STOP switches off /OE, DISARMED the multiplexer; DISARMED (/OE) and RAW switch them on.
         """
         if self._oe:
-            return "STOP" if self._cutting else "DISARMED"
+            return "STOP" if self._cutting and self._now >= self._cut_at else "DISARMED"
         return "DISARMED" if self._cutting or self.done else "RAW"
 
     def step(self, now: float) -> None:
         """Request a capture when it is due, and evaluate the answer."""
-        if self._oe and self._cutting:
+        self._now = now
+        if self.silent:
             self._observer.outputs_off(now)
         if self._requested_at is None and now >= self._request_at:
             self._receiver.captures.clear()

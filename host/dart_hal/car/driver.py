@@ -248,17 +248,18 @@ class Driver:
     def frame(self, now: float) -> Applied:
         """Let the supervisor decide, then write one PWM frame.
 
-        1. Update the supervisor with the causes of a trip and the reasons against arming.
-        2. Advance the self-test of the cut-off.
+        1. Advance the self-test of the cut-off.
+        2. Update the supervisor with the causes of a trip and the reasons against arming.
         3. Write the pulses that the new state allows.
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat.
         """
-        self.supervisor.set_blind(now, self.observer.blind(now))
+        self._step_test(now)
+        silent = self._test is not None and self._test.silent
+        self.supervisor.set_blind(now, silent or self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)
-        self._step_test(now)
         self.actuator.watched = self.observer.cutoff != "none"
         self.actuator.frame(now)
         if late := self.actuator.trips():

@@ -35,13 +35,11 @@ PinEdges = Iterable[tuple[float, str, Any]]
 class Wiring(Protocol):
     """Circuit between the board and the ESC; ``needs_ticks``: it is called at every tick.
 
-    ``passes_capture``: whether the spare channel reaches D8 now.
+    ``capture_gate``: pin of the Nano that lets the spare channel to D8 while it is high; "": none.
     """
 
     needs_ticks: bool
-
-    @property
-    def passes_capture(self) -> bool: ...
+    capture_gate: str
 
     def apply_pin_edges(self, edges: PinEdges) -> None:
         """Take over edges (t, pin, level) of the Nano's outputs since the last call."""
@@ -57,13 +55,10 @@ class Direct:
     """No cut-off: the ESC is connected to the board."""
 
     needs_ticks = False
+    capture_gate = ""
 
     def __init__(self, pca: Pca9685Model) -> None:
         self._output = pca.output
-
-    @property
-    def passes_capture(self) -> bool:
-        return True
 
     def apply_pin_edges(self, edges: PinEdges) -> None:
         """Do nothing: the Nano has no influence on the ESC."""
@@ -98,11 +93,8 @@ class OutputEnable(Direct):
         parts = parts or OutputEnableParts()
         released = divider_voltage(LOGIC_V, parts.pull_up, parts.board_pull_down)
         self._disables = logic_level(released) is True
+        self.capture_gate = "D6" if self._disables else ""
         pca.set_oe(self._disables, 0.0)
-
-    @property
-    def passes_capture(self) -> bool:
-        return not self._output.is_disabled
 
     def apply_pin_edges(self, edges: PinEdges) -> None:
         for t, pin, on in edges:
@@ -160,6 +152,7 @@ class Multiplexer(Direct):
     """
 
     needs_ticks = True
+    capture_gate = "D5"
 
     def __init__(self, pca: Pca9685Model, parts: MultiplexerParts | None = None) -> None:
         super().__init__(pca)

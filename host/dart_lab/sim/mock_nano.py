@@ -74,7 +74,7 @@ class MockNano:
         self.params = {p.id: p.default for p in m.PARAMS} | params
         self._stored = bool(params)
         self.imu = MockImu()
-        self._behind_mux = False
+        self._capture_gate = ""
         self._pins = MockPins(0, 0.0, 0.0, [])
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
@@ -187,9 +187,9 @@ class MockNano:
         """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
         self._divider = (volt, ohm)
 
-    def capture_behind_mux(self, on: bool) -> None:
-        """Connect D8 through a multiplexer: low unless D5 is high."""
-        self._behind_mux = self._pins.behind_mux = on
+    def gate_capture(self, pin: str) -> None:
+        """Connect D8 through a cut-off: low unless "D5" or "D6" is high; "": always."""
+        self._capture_gate = self._pins.capture_gate = pin
 
     def pins(self) -> dict[str, int | None]:
         """Return the levels of the option pins D5, D6, D9; None = released."""
@@ -239,7 +239,7 @@ class MockNano:
         self._decoder = FrameDecoder(DOWN)
         before = self._pins.take(self.now)
         self._pins = MockPins(self.params[7], self.now, self._starts, before)
-        self._pins.behind_mux = self._behind_mux
+        self._pins.capture_gate = self._capture_gate
         self._slot_at = self._time(self._phase)
         self._hello_slots = {1, 11, 21}
         self._event(1, self._cause)

@@ -24,6 +24,7 @@ class MockPins:
     No pin is driven from ``reset_at`` until the program starts at ``starts``. ``pending``: edges
     of the previous run that have not been taken yet. As in the firmware, the select of the
     multiplexer changes when the own pulse has ended and D8 shows that the board's pulse is low.
+    /OE is switched at once if it is low, else after SWITCH_RETRY.
     """
 
     def __init__(self, cutoff: int, reset_at: float, starts: float,
@@ -37,22 +38,36 @@ class MockPins:
         self._select_changes: deque[tuple[float, int]] = deque()
         self._select = 0
         self._board: deque[tuple[float, bool]] = deque(maxlen=4)
-        self.behind_mux = False
+        self._enable = 0
+        self._enable_at: float | None = None
+        self.capture_gate = ""
 
     def board_edge(self, level: bool, t: float) -> bool:
         """Take over a change of the spare channel at t; return the level at D8."""
+        self._retry_enable(t)
         self._board.append((t, level))
-        return level and (not self.behind_mux or self.levels["D5"] == 1)
+        return level and (not self.capture_gate or self.levels[self.capture_gate] == 1)
 
     def apply_state(self, state: OutputState, t: float) -> None:
         """Drive the pins for a state of the supervisor that begins at t."""
         if self._cutoff == 2:
             self._select_changes.append((t, int(state is OutputState.LIVE)))
-        on = self._cutoff == 1 and state in (OutputState.LINKED, OutputState.LIVE)
-        self._drive("D6", int(on), t)
+        self._retry_enable(t)
+        self._enable = int(self._cutoff == 1
+                           and state in (OutputState.LINKED, OutputState.LIVE))
+        if self._enable_at is None and self._enable != self.levels["D6"]:
+            self._enable_at = t + SWITCH_RETRY * self._board_high(t)
+            self._retry_enable(t)
+
+    def _retry_enable(self, now: float) -> None:
+        """Switch /OE if that is due."""
+        if self._enable_at is not None and self._enable_at <= now:
+            self._drive("D6", self._enable, self._enable_at)
+            self._enable_at = None
 
     def take(self, now: float) -> list[PinEdge]:
         """Return the edges since the last call; the own neutral pulse runs at 50 Hz."""
+        self._retry_enable(now)
         while self._cutoff == 2 and self._next <= now:
             self._step()
         log = sorted((e for e in self._log if e[0] <= now), key=lambda e: e[:2])

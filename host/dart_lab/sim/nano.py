@@ -38,8 +38,8 @@ class Nano(Protocol):
     def set_divider(self, volt: float | None, ohm: float = 7500.0) -> None:
         """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
 
-    def capture_behind_mux(self, on: bool) -> None:
-        """Connect D8 through a multiplexer: low unless the Nano drives D5 high."""
+    def gate_capture(self, pin: str) -> None:
+        """Connect D8 through a cut-off: low unless the Nano drives "D5" or "D6" high; "": none."""
 
     def pin_log(self) -> Sequence[tuple[float, str, Any]]:
         """Return edges (t, pin, level) of the outputs since the last call; None = not driven."""

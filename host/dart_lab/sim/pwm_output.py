@@ -103,11 +103,6 @@ class PwmOutput:
         self._oe = disabled
         self._refresh_pins()
 
-    @property
-    def is_disabled(self) -> bool:
-        """Return whether /OE is high."""
-        return self._oe
-
     # -- production ------------------------------------------------------
 
     def advance(self, t: float) -> None:
@@ -131,8 +126,8 @@ class PwmOutput:
         return self._rise[channel]
 
     def upcoming(self, channel: int, until: float) -> list[tuple[float, bool]]:
-        """Return the edges of a channel's pin from now to ``until``, if no change comes."""
-        if not self._running or self._blocked or self._oe:
+        """Return the edges of a channel until a time, if no change comes and /OE is low."""
+        if not self._running or self._blocked:
             return []
         edges = []
         frame = self._frame

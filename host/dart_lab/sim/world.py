@@ -20,7 +20,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle import Vehicle
 from dart_lab.sim.battery import SimBattery, SimDivider
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.cutoff import Multiplexer, make_wiring
+from dart_lab.sim.cutoff import INPUT_FILTER, make_wiring
 from dart_lab.sim.esc import DelayedEsc, Esc
 from dart_lab.sim.faults import Line
 from dart_lab.sim.hidden import HiddenCar
@@ -102,13 +102,12 @@ class World:
         self.esc = DelayedEsc(car.esc) if car.esc.delay else Esc(car.esc)
         self.motion: MotionModel = _MODELS[model](car.vehicle, tick)
         self._wiring = make_wiring(cutoff, self.pca)
-        self._capture_passes = True
         self.lifted: LiftedCar | None = None
         self.can_be_lifted = self.esc_powered = True
         self.blocked = False
         self.hand_rate = 0.0
         self.wheel_direction = 0
-        nano.capture_behind_mux(isinstance(self._wiring, Multiplexer))
+        nano.gate_capture(self._wiring.capture_gate)
         self.distance = 0.0
         self.lines: tuple[Line, ...] = ()
         self.watchers: list[Callable[[int, Pulse], None]] = []
@@ -241,24 +240,13 @@ class World:
             self._wheel = wheel
             nano.set_wheel(wheel)
         nano.set_imu(*self._imu.sense(a_x, a_y, omega, omega_dot, rate))
-        self._pin_edges = [(t, "D8", level) for t, level in self._capture_edges(now)]
+        self._pin_edges = [(t, "D8", level) for t, level in self._capture_edges()]
         if self.receiver is not None:
             self._pin_edges = sorted([*self._pin_edges, *self.receiver.edges(now, self._next)])
 
-    def _capture_edges(self, now: float) -> list[tuple[float, bool]]:
-        """Return the edges at D8 until the next tick: those of the spare channel, if they pass.
-
-        A gate on /OE acts here from the next tick on. A multiplexer acts at once, because the
-        Nano model itself knows its select.
-        """
-        output = self.pca.output
-        passes = self._wiring.passes_capture
-        edges = output.upcoming(CLOCK_CHANNEL, self._next) if passes else []
-        if passes != self._capture_passes:
-            self._capture_passes = passes
-            # The level at D8 when the cut-off switches: that of the pin, or low.
-            edges.insert(0, (now, passes and output.high_since(CLOCK_CHANNEL) is not None))
-        return edges
+    def _capture_edges(self) -> list[tuple[float, bool]]:
+        """Return the edges of the spare channel until the next tick, before the cut-off."""
+        return self.pca.output.upcoming(CLOCK_CHANNEL, self._next)
 
     def _deliver_pulses(self, now: float) -> None:
         output = self.pca.output
@@ -273,6 +261,8 @@ class World:
     def _deliver(self, channel: int, pulses: list[Pulse],
                  receive: Callable[[Pulse], None]) -> None:
         for pulse in pulses:
+            if pulse[1] - pulse[0] < INPUT_FILTER:
+                continue
             receive(pulse)
             for watcher in self.watchers:
                 watcher(channel, pulse)

@@ -113,7 +113,7 @@ class Supervisor:
         self._restart_neutral(now)
 
     def set_blind(self, now: float, blind: bool) -> None:
-        """Enter whether the car's motion is unknown; servo and ESC then get no pulse."""
+        """Enter whether servo and ESC get no pulse: the motion is unknown, or /OE is tested."""
         if blind != self._blind:
             self._blind = blind
             self._restart_neutral(now)

@@ -345,9 +345,12 @@ class EmulatedNano:
         """Set the voltage [V] at A0 behind a resistance; None: nothing is connected."""
         self._lib.emu_divider(self._emu, volt or 0.0, -1.0 if volt is None else ohm)
 
-    def capture_behind_mux(self, on: bool) -> None:
-        """Connect D8 to the level of ``set_pin`` only while the MCU drives D5 high."""
-        self._lib.emu_capture(self._emu, on)
+    def gate_capture(self, pin: str) -> None:
+        """Connect D8 to the level of ``set_pin`` only while the MCU drives a pin high; "": always.
+
+        pin: "D5" of the multiplexer, or "D6" of /OE.
+        """
+        self._lib.emu_capture(self._emu, int(pin[1:] or 0))
 
     def edges(self, ring: int = 0) -> int:
         """Return the number of level changes of ring 0 or 1 on its pin."""
