@@ -42,6 +42,19 @@ def run(watched, name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 7, 9, 10])
+def test_clock_of_the_nano_is_within_its_error(tmp_path, seed):
+    """Seeds 5, 9 and 10 have a slow clock, which the first stamps do not know yet."""
+    fresh = Watched(f"sim://?nano=mock&seed={seed}", tmp_path)
+    try:
+        found = run(fresh, "rest")["clock_error"]
+    finally:
+        fresh.car.close()
+    truth = 1e6 * reveal(seed)["vehicle"]["nano"]["clock_error"]["value"]
+    assert abs(found.value - truth) < 3.5 * found.std
+
+
+@pytest.mark.slow
 def test_gyro_turned_by_hand_has_its_true_scale_without_throttle(watched):
     before = len(watched.pulses)
     found = run(watched, "gyro")
