@@ -37,6 +37,25 @@ def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
             car.note("x", {"a": {}})
 
 
+@pytest.mark.parametrize("wait", [lambda car: car.arm(), lambda car: next(car.states())])
+def test_a_listener_that_waits_is_refused(wait):
+    with Car.open(MOCK_1_URL) as car:
+        remove = car.on_state(lambda state: wait(car))
+        with pytest.raises(UsageError, match="a listener waits for a State"):
+            next(car.states())
+        remove()
+        assert next(car.states()).speed == 0.0
+
+
+@pytest.mark.slow
+def test_raw_of_an_armed_car_says_so():
+    with Car.open(MOCK_1_URL) as car:
+        car.arm()
+        with pytest.raises(UsageError, match="raw\\(\\) of an armed car"), car.raw():
+            pass
+        assert car.mode == "ARMED"
+
+
 @pytest.mark.parametrize("name", ["", "run", "run.csv"])
 def test_a_recording_is_a_file_that_ends_in_mcap(tmp_path, name):
     with pytest.raises(UsageError, match="an MCAP file"):

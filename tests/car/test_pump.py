@@ -33,6 +33,9 @@ class Engine:
         self.receiver = SimpleNamespace(counters=SimpleNamespace(ok=0))
         self.backend = SimpleNamespace(url=SimpleNamespace(text="test://"))
 
+    def refuse_in_listener(self):
+        pass
+
     def step(self, timeout):
         if self.raised is not None:
             raise self.raised

@@ -53,6 +53,23 @@ def true_parts(url):
     return car, (str(car.seed), f"{car.seed:x}", *([car.effect] if car.effect else []))
 
 
+def test_names_in_latin_1_are_refused_with_the_line(verb, tmp_path):
+    names = tmp_path / "names.txt"
+    names.write_bytes("Ada\nJörg\n".encode("latin-1"))
+    answer = verb("class", "--names", names)
+    assert answer.code == 2
+    assert "line 2 has the byte 0xf6" in answer.err
+    assert "save it as UTF-8" in answer.err
+
+
+def test_one_task_at_a_time(verb, tmp_path):
+    names = tmp_path / "names.txt"
+    names.write_text("Ada\n", encoding="utf-8")
+    answer = verb("class", "--names", names, "--students", 3)
+    assert answer.code == 2
+    assert "--students --names" in answer.err
+
+
 def test_two_students_of_one_name_are_refused(verb, tmp_path):
     names = tmp_path / "names.txt"
     names.write_text("Ada\nAlan\nAda\n", encoding="utf-8")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Fleet
+from dart_hal.core.errors import LinkLost
 from dart_hal.core.timing import SAMPLE
 from tests.fleet.rooms import FleetPins
 
@@ -34,3 +35,11 @@ def test_all_arm_at_once():
         assert {car.mode for car in pins.fleet.cars} == {"ARMED"}
         assert max(pins.now()) < 4.0, "one after the other takes 3 s each"
         assert max(pins.now()) - min(pins.now()) < 0.2
+
+
+def test_an_error_of_one_car_names_it():
+    with Fleet.open(["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]) as fleet:
+        fleet.cars[1].close()
+        for call in (fleet.arm, lambda: list(fleet.states(duration=0.1))):
+            with pytest.raises(LinkLost, match=f"car {fleet.names[1]}: the car is closed"):
+                call()

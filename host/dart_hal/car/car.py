@@ -618,6 +618,7 @@ class Car:
         Raises:
             NotArmed: the link or the bus is not good, or the car was stopped meanwhile. A
                 calibration need not exist yet.
+            UsageError: the car is armed.
 
         Example:
             >>> with car.raw():

@@ -16,7 +16,7 @@ from dart_hal.car.rc import RcOverride
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
-from dart_hal.core.errors import BadCommand, BusError, NotArmed
+from dart_hal.core.errors import BadCommand, BusError, NotArmed, UsageError
 from dart_hal.core.process.suspend import SuspendDetector
 from dart_hal.core.types import Applied, Doubt, Limit, State
 from dart_hal.devices.actuation import (
@@ -358,7 +358,10 @@ class Driver:
         return not_armed_error(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
 
     def open_raw(self, now: float, *, lifted: bool = False) -> None:
-        """Enter RAW. Raises NotArmed unless link, firmware and bus are good."""
+        """Enter RAW. Raises NotArmed unless link and bus are good, UsageError if armed."""
+        if self.mode is ArmState.ARMED:
+            raise UsageError("raw() of an armed car", found="the car is ARMED",
+                             expected="a disarmed car", remedy="car.stop() before raw()")
         if held := self.raw_refusals(now, lifted=lifted):
             raise not_armed_error(held)
         if self.supervisor.silent:

@@ -32,7 +32,7 @@ from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.car import BatteryConfig
-from dart_hal.core.errors import DartHalError
+from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.ports import Link
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import Applied, State
@@ -90,6 +90,8 @@ class Engine:
         self.localiser = localiser_of(backend, self.lidar)
         self.guard: ObstacleGuard | None = None
         self.listeners: list[Callable[[State], None]] = []
+        # Identifier of the thread that calls the listeners now; 0: none.
+        self._listening = 0
 
     def _open_battery(self, config: BatteryConfig) -> BatteryWatch:
         """Return what measures the battery: the INA219, or the Nano at its next heartbeats."""
@@ -181,10 +183,22 @@ class Engine:
                 states = self.poses.take(states, t, self.now)
             if self.driver.overdue:
                 self._write(self.now)
-        for state in states:        # without the lock: one that blocks holds up nobody's stop
-            for listener in self.listeners:
-                listener(state)
+        self._listening = threading.get_ident()
+        try:
+            for state in states:    # without the lock: one that blocks holds up nobody's stop
+                for listener in self.listeners:
+                    listener(state)
+        finally:
+            self._listening = 0
         return states
+
+    def refuse_in_listener(self) -> None:
+        """Raise UsageError if a listener calls: it would wait for the State that waits for it."""
+        if self._listening == threading.get_ident():
+            raise UsageError("a listener waits for a State", found="states(), arm() or another "
+                             "call that waits, in a function of on_state()",
+                             expected="a listener that returns at once",
+                             remedy="set a flag in the listener, and call it in the main loop")
 
     def _process_state(self, state: State, t: float) -> State:
         """Update the driver, and return the State without a throttle that is cut off.

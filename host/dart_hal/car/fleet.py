@@ -14,7 +14,7 @@ from dart_hal.car.car import Car
 from dart_hal.car.member import Member, join
 from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, rename_existing
-from dart_hal.core.errors import UsageError
+from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import Contact, State
@@ -113,7 +113,8 @@ class Fleet:
             ['ARMED', 'ARMED']
         """
         try:
-            waiting = [car.arming(waive=waive) for car in self.cars]
+            waiting = [_name_errors(name, car.arming(waive=waive))
+                       for name, car in zip(self.names, self.cars, strict=True)]
             while waiting:
                 waiting = [steps for steps in waiting if next(steps, None) is not None]
         except BaseException:
@@ -147,7 +148,8 @@ class Fleet:
         """
         if duration == 0.0:
             return
-        streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
+        streams = [_name_errors(name, car.states(duration=inf, timeout=timeout))
+                   for name, car in zip(self.names, self.cars, strict=True)]
         try:
             now = [next(stream) for stream in streams]
             # 1. Bring the emulated cars to the same time.
@@ -309,6 +311,15 @@ def _open_sources(given: Sequence[str | PoseSource | None], stack: ExitStack
         if source is not None and not isinstance(source, str):
             stack.callback(source.close)
     return sources
+
+
+def _name_errors(name: str, states: Iterator[State]) -> Iterator[State]:
+    """Yield the States of a car; an error of it says which car it is."""
+    try:
+        yield from states
+    except DartHalError as error:
+        error.what = f"car {name}: {error.what}"
+        raise
 
 
 def _unique_names(cars: Sequence[Car]) -> tuple[str, ...]:

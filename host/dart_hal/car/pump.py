@@ -47,6 +47,7 @@ class InlinePump:
 
     def next(self, timeout: float) -> tuple[State, int]:
         engine = self._engine
+        engine.refuse_in_listener()
         deadline = engine.now + timeout
         while True:
             states = engine.step(max(deadline - engine.now, 0.0))
@@ -141,6 +142,7 @@ class ThreadPump:
         return found
 
     def next(self, timeout: float) -> tuple[State, int]:
+        self._engine.refuse_in_listener()
         with self._news:
             self._news.wait_for(
                 lambda: self._error is not None or self._count > self._delivered, timeout)

@@ -46,8 +46,10 @@ def command(students: int | None, names: Path | None, out: Path, mark: Path | No
     Give each student one file of students/. Keep lecturer/class.json: only
     with it can the cars be revealed.
     """
-    if sum(given is not None for given in (students, names, lecturer)) != 1:
-        raise UsageError("no task for the class",
+    given = [option for option, value in (("--students", students), ("--names", names),
+                                          ("--lecturer", lecturer)) if value is not None]
+    if len(given) != 1:
+        raise UsageError("one task for the class at a time", found=" ".join(given) or "no option",
                          expected="--students N, --names FILE, or --lecturer FILE [--mark CARS]")
     # One of three tasks: set up, print the truth, mark.
     if mark is not None and lecturer is None:
@@ -64,8 +66,15 @@ def command(students: int | None, names: Path | None, out: Path, mark: Path | No
 def _read_names(students: int | None, names: Path | None) -> list[str]:
     if names is None:
         return [f"student {k}" for k in range(1, (students or 0) + 1)]
+    try:
+        text = read_text(names)
+    except UnicodeDecodeError as error:
+        line = error.object[:error.start].count(b"\n") + 1
+        raise UsageError(f"{names} is no UTF-8 text", found=f"line {line} has the byte "
+                         f"{error.object[error.start]:#04x}", expected="UTF-8 or UTF-16",
+                         remedy="save it as UTF-8 text: in Excel, CSV UTF-8") from error
     # Empty lines are no students.
-    found = [line.strip() for line in read_text(names).splitlines() if line.strip()]
+    found = [line.strip() for line in text.splitlines() if line.strip()]
     if not 1 <= len(found) <= MAX_STUDENTS:
         raise UsageError(f"{names} names {len(found)} students", found=str(names),
                          expected=f"1 to {MAX_STUDENTS}, one a line")
