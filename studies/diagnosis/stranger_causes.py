@@ -118,6 +118,10 @@ def motor_gain(car: Car, k: float) -> None:
     car.motor.append(lambda f, now: f * (1.0 + k))
 
 
+def back_emf(car: Car, k: float) -> None:
+    car.motor.append(lambda f, now: max(0.0, f - k * now.v) if f > 0.0 < now.v else f)
+
+
 def battery_fade(car: Car, k: float) -> None:
     car.motor.append(lambda f, now: f * math.exp(k * now.t / 100.0))
 
@@ -262,7 +266,7 @@ FORCES: dict[str, Cause] = {f.__name__: f for f in (
     rear_saturation, combined_slip, load_transfer, roll_compliance, yaw_damping, lateral_pull,
     road_slope_x, road_slope_y, mass, yaw_inertia, centre_of_mass)}
 ALONE: dict[str, Cause] = {f.__name__: f for f in (
-    imu_offset_y, steering_dead_zone)}
+    imu_offset_y, steering_dead_zone, back_emf)}
 """Known later than the others: not in pairs, whose draws were counted without."""
 CAUSES: dict[str, Cause] = ACTUATORS | FORCES | SENSORS | ALONE
 
@@ -292,6 +296,7 @@ SIZES: dict[str, tuple[float, float, float]] = {
     "imu_offset_y": (0.01, 0.02, 0.05), "mocap_latency": (0.01, 0.03, 0.06),
     "mocap_offset_x": (0.003, 0.008, 0.02), "mocap_offset_y": (0.003, 0.008, 0.02),
     "mocap_yaw": (0.005, 0.01, 0.03), "clock_offset": (0.01, 0.03, 0.06),
+    "back_emf": (0.2, 0.5, 1.0),
 }
 EITHER_SIGN = frozenset((
     "steering_trim", "steering_gain", "motor_gain", "motor_deadband", "pwm_clock", "grip",

@@ -13,11 +13,13 @@ from dart_hal.recording.dart import Grid, savgol_derivative, turning_share
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
 from dart_hal.vehicle.delay import first_order_lag
+from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
 from dart_lab.identification.prediction.actuators import actuator_outputs, delay_command
-from dart_lab.identification.shooting import ShootingProblem, fit_jointly
+from dart_lab.identification.shooting import FREE, ShootingProblem, fit_jointly
 from dart_lab.identification.shooting import problem as problem_module
+from dart_lab.identification.shooting.fit import _fit
 
 TRUE = with_values(PAPER, {
     "friction.a": 1.5, "motor.d": 26.0, "motor.g": -0.14, "steering.a_left_rad": 0.30,
@@ -28,12 +30,12 @@ TRUE = with_values(PAPER, {
 POINTS = 15  # of a derivative; the default of a grid
 
 
-def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03)):
+def driven(seed, seconds=60.0, vehicle=TRUE, noise=(0.01, 0.008, 0.03), throttles=(0.2, 0.32)):
     """A grid of a drive with changing commands; derivatives of poses, with white noise on them."""
     rng = np.random.default_rng(seed)
     n = round(seconds * 100)
     hold = 40
-    throttle = np.repeat(rng.uniform(0.2, 0.32, n // hold + 1), hold)[:n]
+    throttle = np.repeat(rng.uniform(*throttles, n // hold + 1), hold)[:n]
     steering = np.repeat(rng.uniform(-0.9, 0.9, n // hold + 1), hold)[:n]
     t, unknown = np.arange(n) * 0.01, np.full(n, np.nan)
     commands = Grid(t, *[unknown] * 6, throttle, steering, unknown, np.zeros(n, dtype=bool),
@@ -125,6 +127,21 @@ def test_sizes_move_within_the_errors_that_car_toml_states():
         assert abs(found.value - value(PAPER, name)) < 3.0 * known[name]
     body = free.vehicle.body
     assert body.l_f + body.l_r == pytest.approx(body.wheelbase)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.0, 1.5])
+def test_loss_of_force_of_another_motor_is_added_where_it_is(size):
+    """A motor on a voltage loses force with speed at every throttle; DART's does not."""
+    car = apply(with_values(TRUE, {"motor.e": 2.0}), "back_emf", k=size)
+    problem = ShootingProblem.from_grids([driven(seed, 30.0, car, throttles=(0.2, 0.5))
+                                          for seed in (1, 2)])
+    found = fit_jointly(problem, PAPER)
+    assert ("back_emf.k" in found.nuisance) == (size > 0.0)
+    if size:
+        k = found.nuisance["back_emf.k"]
+        assert abs(k.value - size) < 3.0 * k.std
+        assert found.after[0] < 0.7 * _fit(problem, PAPER, tuple(FREE), None, {}).after[0]
 
 
 def test_a_lag_enters_the_prediction_without_a_jump():

@@ -111,8 +111,8 @@ def test_users_of_a_duty_motor_refuse_a_speed_loop(use):
 
 def test_effects_of_pulses_duty_and_battery_are_refused():
     excluded = {name for name, one in catalogue().items() if not is_applicable(one, CAR)}
-    assert excluded == {"battery_fade", "motor_deadband", "motor_saturation", "pwm_clock",
-                        "pwm_quantisation"}
+    assert excluded == {"back_emf", "battery_fade", "motor_deadband", "motor_saturation",
+                        "pwm_clock", "pwm_quantisation"}
     for name in excluded:
         with pytest.raises(ConfigError, match="speed loop"):
             apply(CAR, name)

@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.core.config import ModelFile, Quantity, plain
-from dart_hal.core.config.model import Covariance
+from dart_hal.core.config import EffectEntry, ModelFile, Quantity, plain
+from dart_hal.core.config.model import MODEL_PARAMETERS, Covariance
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.flat import LENGTHS, close_lengths, unit
 from dart_hal.vehicle.flat import names as flat_names
@@ -78,8 +78,12 @@ class Identification:
             return {**table, **{name.partition(".")[2]: q for name, q in found.items()
                                 if name.startswith(f"{section}.")}}
 
+        # A fit may have added effects.
+        there = {e.name for e in base.effects}
+        added = dict.fromkeys(section for name in found if (section := name.partition(".")[0])
+                              not in (*MODEL_PARAMETERS, *there))
         effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
-                        for e in base.effects)
+                        for e in (*base.effects, *map(EffectEntry, added)))
         body = insert("body", base.body)
         # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
         moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
@@ -190,6 +194,8 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
         fits = {name: replace(fit, notes=(*fit.notes, sizes)) for name, fit in fits.items()}
     if law := state_fade_law(start, [r for r, _ in grids]):
         fits = {name: replace(fit, notes=(*fit.notes, *law)) for name, fit in fits.items()}
+    if added := describe_added_effects(base, made.nuisance):
+        fits = {name: replace(fit, notes=(*fit.notes, added)) for name, fit in fits.items()}
     joint = Covariance(made.names, round_covariance(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(fits, files, published, source, joint=joint, frames=frames,
@@ -210,6 +216,14 @@ def describe_moved_sizes(base: ModelFile, fitted: Mapping[str, FittedParameter])
                 doubtful.append(key)
     remedy = f"; measure again: {', '.join(doubtful)}" if doubtful else ""
     return f"sizes of car.toml: {', '.join(parts)}{remedy}" if parts else ""
+
+
+def describe_added_effects(base: ModelFile, fitted: Mapping[str, FittedParameter]) -> str:
+    """State which effects a joint fit has added; "" without any."""
+    there = {*MODEL_PARAMETERS, *(e.name for e in base.effects)}
+    parts = [f"{name} = {with_error(found.value, found.std)} {found.unit}"
+             for name, found in fitted.items() if name.partition(".")[0] not in there]
+    return f"added, because the data need it: {', '.join(parts)}" if parts else ""
 
 
 def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:

@@ -347,7 +347,16 @@ def compliance_law(car: str, k: float, slip: float, alpha: float, tolerance: flo
                 "sin_d": math.sin(delta)}, car, tolerance=tolerance)
 
 
+# (1.5 N tanh(10 v) + 0.3 N s/m v + 0.1 N s2/m2 v^2) at 1.5 m/s
+FRICTION_AT_1_5 = 1.5 * math.tanh(15.0) + 0.45 + 0.225
+PULL = 1.0 + 0.7 + FRICTION_AT_1_5
+
 FORCE_LAWS = (
+    # F_m - k v at both axles alike, at least 0; F_m = F_x + friction
+    Law("back_emf", {"k": 1.0}, {}, {"f_xf": 1.0 - 0.75, "f_xr": 0.7 - 0.75}),
+    Law("back_emf", {"k": 4.0}, {}, {"f_xf": 1.0 - 0.5 * PULL, "f_xr": 0.7 - 0.5 * PULL}),
+    Law("back_emf", {"k": 1.0}, {"v_x": -1.5}, {}),
+    Law("back_emf", {"k": 1.0}, {"f_xf": -2.0, "f_xr": -2.0}, {}),
     # F_y sqrt(1 - k (F_x / 3 N)^2) at each axle, at least a tenth
     Law("combined_slip", {"k": 2.0}, {"f_xf": 1.5, "f_xr": -0.9},
         {"f_yf": 2.0 * math.sqrt(0.5), "f_yr": -1.5 * math.sqrt(0.82)}),

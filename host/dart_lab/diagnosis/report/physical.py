@@ -19,6 +19,7 @@ EXAMPLES: Mapping[str, Callable[[float], str]] = {
     "rad": lambda k: f"{significant(math.degrees(k))} deg",
     "1/N": lambda k: f"{significant(1.0 / k)} N",
     "N/rad": lambda k: f"{significant(0.35 * k)} N at 0.35 rad",
+    "N s/m": lambda k: f"{significant(2.0 * k)} N at 2 m/s",
     "N s2/m2": lambda k: f"{significant(4.0 * k)} N at 2 m/s",
     "N m2": lambda k: f"{significant(k)} N m on a circle of 1 m radius",
     "N m s": lambda k: f"{significant(3.0 * k)} N m at 3 rad/s",
