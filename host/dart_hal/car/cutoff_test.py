@@ -67,7 +67,7 @@ class CutoffTest:
     def step(self, now: float) -> None:
         """Request a capture when it is due, and evaluate the answer."""
         self._now = now
-        if self.silent:
+        if self._oe and self._cutting:
             self._observer.outputs_off(now)
         if self._requested_at is None and now >= self._request_at:
             self._receiver.captures.clear()

@@ -20,6 +20,8 @@ SLOT = 0.010
 """s of the Nano's slot: one STATE."""
 PHASES = 12
 """Phases of the PWM frame to the slot in which a hang is tried."""
+# [s] A start after which the pulses of a car that hangs last nearly as long as of any.
+LATE_START = 0.0175
 AFTER_FEED = 0.0075
 """s from a STATE to the moment at which a hang lasts longest: the watchdog has just been fed."""
 
@@ -88,12 +90,13 @@ def hang(cutoff: str, text: str) -> Callable[[Bench], Measured]:
     """Last driving pulse after the Nano hangs: the worst of 12 phases of slot and PWM frame."""
     def measure(bench: Bench) -> Measured:
         states = []
-        starts = [0.3 + k * 2 * SLOT / PHASES for k in range(PHASES)] if bench.full else [0.0]
-        for opened in starts:
+        phases = [(0.3 + k * 2 * SLOT / PHASES, AFTER_FEED) for k in range(PHASES)] \
+            if bench.full else [(0.0, 0.0), (LATE_START, AFTER_FEED)]
+        for opened, delay in phases:
             with Drive(bench.folder, f"&cutoff={cutoff}", nano="avr", opened=opened,
                        brief=bench.brief) as drive:
                 drive.driving()
-                at = drive.fail(text, delay=AFTER_FEED if bench.full else 0.0)
+                at = drive.fail(text, delay=delay)
                 drive.run(0.5, forward(0.4, 0.5))
                 states.append(drive.last_wrong(at))
         return Measured(max(states),
