@@ -65,7 +65,9 @@ def main(*names: str) -> None:
     for source in sorted(FOLDER.glob("*.py")):
         if not names or source.stem in names:
             with tempfile.TemporaryDirectory() as folder:
-                nbformat.write(quiet(executed(source, Path(folder))), source.with_suffix(".ipynb"))
+                work = Path(folder) / source.stem  # messages have its name
+                work.mkdir()
+                nbformat.write(quiet(executed(source, work)), source.with_suffix(".ipynb"))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from unittest.mock import patch
 import pytest
 from fault_table.drive import MAX_PWM_PERIOD_S, WAIVED, Drive, forward
 
+from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
 from dart_hal.car.facts import MAX_SWITCH_ON_TIME, Observer
@@ -31,12 +32,15 @@ def let_time_pass(drive: Drive, seconds: float) -> None:
 
 @pytest.mark.parametrize("counts", [True, False])
 def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
-    """The outputs were off during the test. Control: count the neutral that was only written."""
+    """The outputs were off during the test. Control: write and count neutral meanwhile."""
     def written(observer, now, neutral_for, cutoff):
         return neutral_for
 
     method = Observer._neutral_for if counts else written
-    with patch.object(Observer, "_neutral_for", method), Drive(tmp_path, "&cutoff=oe") as drive:
+    silent = CutoffTest.silent if counts else False
+    with (patch.object(Observer, "_neutral_for", method),
+          patch.object(CutoffTest, "silent", silent),
+          Drive(tmp_path, "&cutoff=oe") as drive):
         drive.run(2.2)
         drive.car.arm(waive=WAIVED)
         drive.run(0.2, forward(0.3))

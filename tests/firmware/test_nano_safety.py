@@ -77,14 +77,16 @@ def test_oe_is_enabled_when_linked_and_cut_120_ms_after_the_last_beat(nano: Make
     assert 0.110 <= cut.t - last <= 0.120
 
 
-@pytest.mark.parametrize("mode", [STOP])
-def test_stop_cuts_at_once(nano: Make, mode: int) -> None:
+@pytest.mark.parametrize(("board_high", "limit"), [(False, 0.002), (True, 0.005)])
+def test_stop_cuts_at_once_or_after_the_pulse(nano: Make, board_high: bool, limit: float) -> None:
+    """While D8 shows a pulse of the PCA9685, /OE waits for its end: 3 ms."""
     rig = live(nano, ENABLE)
+    rig.nano.set_pin("D8", board_high)
     begin = rig.now
-    rig.beat(0.02, mode)
+    rig.beat(0.02, STOP)
     (cut,) = [e for e in rig.nano.pin_log() if e.pin == "D6"]
     assert cut.level == 0
-    assert cut.t - begin < 0.002
+    assert limit - 0.002 <= cut.t - begin < limit
 
 
 def test_the_multiplexer_switches_only_while_our_pulse_is_low(nano: Make) -> None:
@@ -310,7 +312,10 @@ def test_a_dead_transmitter_starves_the_watchdog(nano: Make, elf: Path, tmp_path
     rig.beat(0.6, DISARMED)
     rig.beat(1.2, ARMED)
     begin = len(rig.states())
-    (cut,) = [e for e in rig.nano.pin_log() if e.pin == "D6" and e.level == 0 and e.t > 1]
+    # D8 is open, and high by its pull-up: /OE was switched on after a look of 2.4 us.
+    on, look, on_again, cut = [e for e in rig.nano.pin_log() if e.pin == "D6" and e.t > 1.0]
+    assert (on.level, look.level, on_again.level, cut.level) == (1, 0, 1, 0)
+    assert look.t - on.t < 5e-6
     assert cut.t - rig.frames[-1][0] <= 0.080
     assert 100 < begin < 180
 

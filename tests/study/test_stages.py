@@ -14,7 +14,8 @@ from dart_hal.recording.dart import Reference
 from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.study import StageResult, Study, load_results, run_stage, split_recordings
+from dart_lab.identification.shooting.identifiability import Identifiability
+from dart_lab.study import StageResult, Study, load_results, run_stage, split_recordings, stages
 from dart_lab.study.stages import describe_changes
 from tests.identification.test_speed_loop_fit import driven
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
@@ -69,6 +70,15 @@ def test_identifiability_names_what_is_missing_and_what_to_drive(study):
     assert determined["tyres.rear_cornering_stiffness"]
     assert not determined["friction.b"]
     assert any("coast" in line for line in result.lines)
+
+
+def test_study_goes_on_where_parameters_are_determined_together_alone(study, monkeypatch):
+    """As in 20 Hz logs with a speed loop: the fit lowers the error of each channel all the same."""
+    together = (Identifiability("friction.a", 1.7, 1.0, "N", False, "let the car coast"),)
+    monkeypatch.setattr(stages, "predict_identifiability", lambda *given: together)
+    result = run_stage(study, "identifiability")
+    assert result.verdict.startswith("0 of 1 parameters")
+    assert result.sound
 
 
 def test_what_a_fit_changed_is_stated_in_quantities_of_the_workshop():

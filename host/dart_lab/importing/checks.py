@@ -34,8 +34,10 @@ MIN_CORRELATION = 0.6
 MAX_SCALE_ERROR = 1.25
 # Ratio of speed and commanded speed above which the command is no speed in that unit.
 MAX_COMMAND_RATIO = 3.0
-# s between rows above which a fit sees little of delays and lags, which are 0.05 to 0.2 s.
-MAX_ROW_TIME = 0.04
+# s between rows above which a fit sees little of delays and lags, which are 0.05 to 0.2 s. Logs of
+# 20 Hz have rows 0.054 s apart.
+MAX_ROW_TIME = 0.06
+MIN_ADVISED_RATE = 25.0
 # Ratios by which a mistaken unit is recognised, by the compared column, with a tolerance of 20 %.
 UNIT_RATIOS = {
     "yaw": {57.29578: "deg", 0.01745329: "rad"},
@@ -347,7 +349,7 @@ def _find_repeated_rows(data: ImportedData) -> list[ImportFinding]:
 def _find_slow_rows(data: ImportedData) -> list[ImportFinding]:
     """Find measurements that are too rare for delays and lags."""
     return [ImportFinding(name, f"{1.0 / stream.period:.0f} rows a second",
-                          f"record at {1.0 / MAX_ROW_TIME:.0f} Hz or more: a fit sees little of "
+                          f"record at {MIN_ADVISED_RATE:.0f} Hz or more: a fit sees little of "
                           "delays, lags and short turns")
             for name, stream in data.streams.items()
             if name not in ("commands", "battery") and stream.period > MAX_ROW_TIME]

@@ -236,10 +236,11 @@ def _predict(study: Study, progress: Progress | None) -> StageResult:
     # One drive for a group of parameters: they are determined by the same motion.
     drives = {i.name.partition(".")[0]: i.manoeuvre for i in unknown}
     lines = [f"{group} needs: {manoeuvre}" for group, manoeuvre in drives.items()]
+    # Parameters that are determined together alone predict as well, so the study goes on.
     return StageResult(
         "identifiability", f"{len(found) - len(unknown)} of {len(found)} parameters will be "
         "determined one by one; the others only together", tuple(lines), tuple(rows),
-        {"parameters": [asdict(i) for i in found]}, len(unknown) < len(found))
+        {"parameters": [asdict(i) for i in found]})
 
 
 def _fit(study: Study, progress: Progress | None) -> StageResult:

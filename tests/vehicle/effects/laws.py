@@ -355,6 +355,7 @@ FORCE_LAWS = (
     # F_m - k v at both axles alike, at least 0; F_m = F_x + friction
     Law("back_emf", {"k": 1.0}, {}, {"f_xf": 1.0 - 0.75, "f_xr": 0.7 - 0.75}),
     Law("back_emf", {"k": 4.0}, {}, {"f_xf": 1.0 - 0.5 * PULL, "f_xr": 0.7 - 0.5 * PULL}),
+    Law("back_emf", {"k": 1.0}, {"v_x": 0.1}, {"f_xf": 1.0 - 0.05, "f_xr": 0.7 - 0.05}),
     Law("back_emf", {"k": 1.0}, {"v_x": -1.5}, {}),
     Law("back_emf", {"k": 1.0}, {"f_xf": -2.0, "f_xr": -2.0}, {}),
     # F_y sqrt(1 - k (F_x / 3 N)^2) at each axle, at least a tenth

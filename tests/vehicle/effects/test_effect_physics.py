@@ -90,8 +90,9 @@ def test_the_test_of_the_null_sees_the_last_bit(hooks):
 
 
 CHANGES = {
-    "battery_fade": ("v_x", 0.003), "centre_of_mass": ("omega", 0.05),
-    "clock_offset": ("gyro", 0.15), "combined_slip": ("omega", 0.02),
+    "back_emf": ("v_x", 0.1), "battery_fade": ("v_x", 0.003),
+    "centre_of_mass": ("omega", 0.05), "clock_offset": ("gyro", 0.15),
+    "combined_slip": ("omega", 0.02),
     "cornering_drag": ("v_x", 0.05), "differential_drag": ("omega", 0.03),
     "encoder_axle": ("wheel", 0.001), "encoder_latency": ("wheel", 0.008),
     "encoder_ring": ("wheel", 0.1),
