@@ -92,7 +92,7 @@ void emu_i2c(emu_t *e, int fault, double p, double stretch_us, int clocks);
 /* Pins by port letter 'B'..'D'. State: 0 low, 1 high, 2 not driven. */
 void emu_pin(emu_t *e, int port, int bit, int level);
 int emu_pin_state(const emu_t *e, int port, int bit);
-/* D8 gets what emu_pin says through the cut-off: low unless the MCU drives
+/* D8 gets the level of emu_pin through the cut-off: low unless the MCU drives
  * D5 (multiplexer) or D6 (/OE) high; gate: 5 or 6, 0 if there is none. */
 void emu_capture(emu_t *e, int gate);
 /* A0: a voltage behind a resistance; ohm < 0: nothing is connected. */

@@ -9,6 +9,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.core.errors import NotArmed, UsageError
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.devices.actuation.chain import WATCH_PULSE_US
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
@@ -184,6 +185,33 @@ def arm_often(nano, seed, wired):
 def test_arming_cuts_no_pulse(nano, seed, wired):
     """The self-test of the cut-off switches the outputs off and on at every arm()."""
     assert not [p for p in arm_often(nano, seed, wired) if not is_whole(p)]
+
+
+@pytest.mark.parametrize("nano", ["mock", "avr"])
+@pytest.mark.parametrize("silent", [True, False])
+@pytest.mark.slow
+def test_state_and_pin_agree_while_oe_is_tested(monkeypatch, nano, silent):
+    """No pulse begins while States have PULSES_OFF; neutral pulses before and after."""
+    if not silent:
+        monkeypatch.setattr(CutoffTest, "silent", False)
+    pulses = []
+    off = []
+    with Car.open(f"sim://?seed=2&nano={nano}&cutoff=oe") as car:
+        world = world_of(car._engine.backend)
+        world.watchers.append(lambda channel, p: pulses.append(p) if channel == 1 else None)
+        for _ in car.states(duration=1.0):
+            pass
+        for state in car.arming():
+            if "PULSES_OFF" in state.applied.limited:
+                off.append(world.t)
+    assert bool(off) == silent, "control: neutral is written meanwhile"
+    if silent:
+        rises = [rise for rise, _ in pulses]
+        assert off[-1] - off[0] > 0.5
+        # The PCA9685 takes new pulses over at its next frame.
+        assert not [t for t in rises if off[0] + 2 * PWM_FRAME < t < off[-1]]
+        assert [t for t in rises if t < off[0]]
+        assert [t for t in rises if t > off[-1]]
 
 
 @pytest.mark.slow

@@ -30,9 +30,9 @@ constexpr uint8_t kClearAtMatch = _BV(COM1A1);
 constexpr uint8_t kLookCycles = 16;
 
 Cutoff fitted = Cutoff::kNone;
-volatile bool enable_wanted;
+volatile bool enable_requested;
 bool enabled;
-volatile bool pass_wanted;
+volatile bool pass_requested;
 bool passing;
 BeatCounter beats;
 
@@ -52,78 +52,54 @@ inline void pulses_start() {
   TIMSK1 = static_cast<uint8_t>(TIMSK1 | _BV(OCIE1A));
 }
 
-inline void select(bool pass) {
-  if (pass) {
-    PORTD |= kMuxSelect;
+// kMuxSelect or kGate.
+template <uint8_t kPin>
+inline void drive(bool high) {
+  if (high) {
+    PORTD |= kPin;
   } else {
-    PORTD &= static_cast<uint8_t>(~kMuxSelect);
+    PORTD &= static_cast<uint8_t>(~kPin);
   }
 }
 
 inline bool board_is_high() { return (PINB & kCapture) != 0; }
 
-// Our own pulse is low. Switches if the PCA9685's is low as well, as far as
-// D8 tells: it shows the spare channel, which rises with the ESC's, and only
-// while the multiplexer passes. So the way there is a look of 1.5 us.
+// Switches if the PCA9685's pulse is low, as far as D8 shows it: the spare
+// channel, which rises with the ESC's, and only while the cut-off passes. So
+// the way there is a look of 1.5 us.
+template <uint8_t kPin>
 inline bool switch_between_pulses(bool pass) {
-  if (!pass) {
-    if (board_is_high()) {
-      return false;
-    }
-    select(false);
-    return true;
+  if (pass) {
+    drive<kPin>(true);
+    __builtin_avr_delay_cycles(kLookCycles);
   }
-  select(true);
-  __builtin_avr_delay_cycles(kLookCycles);
-  if (board_is_high()) {
-    select(false);
-    return false;
+  bool const low = !board_is_high();
+  if (low != pass) {  // off as requested, or back from a look into a pulse
+    drive<kPin>(false);
   }
-  return true;
+  return low;
 }
-
-inline void gate(bool on) {
-  if (on) {
-    PORTD |= kGate;
-  } else {
-    PORTD &= static_cast<uint8_t>(~kGate);
-  }
-  enabled = on;
-}
-
-inline bool enable_waits() { return (TIMSK1 & _BV(OCIE1A)) != 0; }
 
 // Switches /OE, or kRetry later if that would cut a pulse of the PCA9685.
-// While /OE is high, D8 tells nothing: the way there is a look of 1.5 us.
 inline void enable_follow() {
-  if (enable_wanted == enabled || enable_waits()) {
+  bool const waits = (TIMSK1 & _BV(OCIE1A)) != 0;
+  if (enable_requested == enabled || waits) {
     return;
   }
-  bool high = false;
-  if (enable_wanted) {
-    gate(true);
-    __builtin_avr_delay_cycles(kLookCycles);
-    high = board_is_high();
-    if (high) {
-      gate(false);
-    }
-  } else {
-    high = board_is_high();
-    if (!high) {
-      gate(false);
-    }
+  if (switch_between_pulses<kGate>(enable_requested)) {
+    enabled = enable_requested;
+    return;
   }
-  if (high) {
-    OCR1A = static_cast<uint16_t>(now_low() + kRetry);
-    TIFR1 = _BV(OCF1A);
-    TIMSK1 = static_cast<uint8_t>(TIMSK1 | _BV(OCIE1A));
-  }
+  OCR1A = static_cast<uint16_t>(now_low() + kRetry);
+  TIFR1 = _BV(OCF1A);
+  TIMSK1 = static_cast<uint8_t>(TIMSK1 | _BV(OCIE1A));
 }
 
-// Switches whatever D8 says: it may not be wired, and the wait has a bound.
+// Switches in any case: D8 may not be wired, and the wait has a bound.
 inline void enable_retry() {
   TIMSK1 = static_cast<uint8_t>(TIMSK1 & ~_BV(OCIE1A));
-  gate(enable_wanted);
+  enabled = enable_requested;
+  drive<kGate>(enabled);
 }
 
 inline void wait(uint16_t ticks, Step next) {
@@ -135,7 +111,7 @@ inline void wait(uint16_t ticks, Step next) {
 // time it switches whatever D8 says: it may not be wired, and the wait has a
 // bound.
 inline void after_pulse() {
-  bool const want = pass_wanted;
+  bool const want = pass_requested;
   if (step == Step::kFall) {
     if (want != passing) {
       wait(kApart, Step::kLook);
@@ -147,8 +123,8 @@ inline void after_pulse() {
   bool const last = step == Step::kRetry;
   if (want != passing) {
     if (last) {
-      select(want);
-    } else if (!switch_between_pulses(want)) {
+      drive<kMuxSelect>(want);
+    } else if (!switch_between_pulses<kMuxSelect>(want)) {
       wait(kRetry, Step::kRetry);
       return;
     }
@@ -185,10 +161,10 @@ void outputs_start(Cutoff cutoff) {
 void outputs_set(SafetyOutput const& output) {
   Atomic const lock;
   if (fitted == Cutoff::kEnable) {
-    enable_wanted = output.enable;
+    enable_requested = output.enable;
     enable_follow();
   } else if (fitted == Cutoff::kMultiplexer) {
-    pass_wanted = output.pass;
+    pass_requested = output.pass;
     if (output.own_pulse && (TIMSK1 & _BV(OCIE1A)) == 0) {
       pulses_start();
     }
@@ -198,8 +174,8 @@ void outputs_set(SafetyOutput const& output) {
 void beats_refresh(uint16_t limit_ms) { beats.beat(limit_ms); }
 
 void outputs_cut() {
-  pass_wanted = false;  // the multiplexer follows within one period
-  enable_wanted = false;
+  pass_requested = false;  // the multiplexer follows within one period
+  enable_requested = false;
   if (fitted == Cutoff::kEnable) {
     enable_follow();
   }

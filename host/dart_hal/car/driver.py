@@ -109,7 +109,7 @@ class Driver:
         neutral moves the car.
         """
         self.supervisor.event(Event.OPEN, now)
-        self.supervisor.set_blind(now, blind=True)
+        self.supervisor.hold_off(now, True)
         try:
             self.actuator.open(keep_off=True)
             if self.actuator.found_pulses:
@@ -256,7 +256,7 @@ class Driver:
         """
         self._step_test(now)
         silent = self._test is not None and self._test.silent
-        self.supervisor.set_blind(now, silent or self.observer.blind(now))
+        self.supervisor.hold_off(now, silent or self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)

@@ -185,7 +185,7 @@ class Engine:
                 self._write(self.now)
         self._listening = threading.get_ident()
         try:
-            for state in states:    # without the lock: one that blocks holds up nobody's stop
+            for state in states:    # without the lock: one that blocks must not delay a stop
                 for listener in self.listeners:
                     listener(state)
         finally:

@@ -314,7 +314,7 @@ def _open_sources(given: Sequence[str | PoseSource | None], stack: ExitStack
 
 
 def _name_errors(name: str, states: Iterator[State]) -> Iterator[State]:
-    """Yield the States of a car; an error of it says which car it is."""
+    """Yield the States of a car; an error of it has the name of the car."""
     try:
         yield from states
     except DartHalError as error:

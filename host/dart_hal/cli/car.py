@@ -88,8 +88,8 @@ def size_options(command: CommandT) -> CommandT:
 @click.argument("name")
 @size_options
 @click.option("--drive", type=click.Choice(tuple(FRONT_SHARES)), default=None,
-              help="driven axle; all: both drive with half of the force (asked for, or left open: "
-              "then fits assume all, with a caution)")
+              help="driven axle; all: both drive with half of the force (a terminal prompts for "
+              "it; without it fits assume all, with a caution)")
 @cars_option
 @json_option
 def new(name: str, drive: str | None, cars: Path | None, as_json: bool,

@@ -62,7 +62,7 @@ class Supervisor:
         """RAW with the wheels off the ground; set by ``open_raw``."""
         self.silent = False
         """No pulse until ``resume``: the car moved at neutral."""
-        self._blind = False
+        self._held_off = False
         self._locked = False
         self._arm_neutral = arm_neutral
         self._follow = follow_disarmed
@@ -78,7 +78,7 @@ class Supervisor:
     def output(self) -> PinDemand:
         """The demand on the pins now."""
         entry = ENTRY[self.state].output
-        if (self.silent or self._blind) and entry.throttle != "untouched":
+        if (self.silent or self._held_off) and entry.throttle != "untouched":
             return OFF_DEMAND
         steering = entry.steering
         if self.state is ArmState.LOCKED and self._now - self.since >= STEERING_HOLD_TIME:
@@ -112,10 +112,10 @@ class Supervisor:
         self.silent = False
         self._restart_neutral(now)
 
-    def set_blind(self, now: float, blind: bool) -> None:
-        """Enter whether servo and ESC get no pulse: the motion is unknown, or /OE is tested."""
-        if blind != self._blind:
-            self._blind = blind
+    def hold_off(self, now: float, off: bool) -> None:
+        """Set whether servo and ESC get no pulse: the motion is unknown, or /OE is tested."""
+        if off != self._held_off:
+            self._held_off = off
             self._restart_neutral(now)
 
     def _restart_neutral(self, now: float) -> None:
