@@ -111,7 +111,8 @@ for claim in found["parameters"]:
     for name, q in claim["quantities"].items():
         print(f"{claim['title']}: {name} {q['before']:.0f} -> {q['after']:.0f} +- {q['std']:.0f} {q['unit']}")
 for cause in found["causes"]:
-    print("cause:", cause["effect"])
+    k = cause["parameters"]["k"]
+    print(f"cause: {cause['effect']} {k['value']:.3f} +- {k['std']:.3f} {k['unit']}")
 
 # %% [markdown]
 # ## A second car, with a speed loop

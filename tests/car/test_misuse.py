@@ -48,7 +48,7 @@ def test_a_listener_that_waits_is_refused(wait):
 
 
 @pytest.mark.slow
-def test_raw_of_an_armed_car_says_so():
+def test_raw_of_an_armed_car_is_refused():
     with Car.open(MOCK_1_URL) as car:
         car.arm()
         with pytest.raises(UsageError, match="raw\\(\\) of an armed car"), car.raw():

@@ -181,10 +181,10 @@ def test_what_is_missing_is_requested_at_the_terminal(verb, monkeypatch):
 
     monkeypatch.setattr(sys, "stdin", CarTerminal(
         "0.325\n0.325+-0.002\n2.0+-0.02\n1.5+-0.02\n\n0.38+-0.02\nrear\n"))
-    ran = verb("car", "new", "asked")
+    ran = verb("car", "new", "prompted")
     assert ran.code == 0, ran.err
     assert "VALUE+-STD" in ran.err
-    geometry = load_car("asked").config.geometry
+    geometry = load_car("prompted").config.geometry
     assert (geometry.mass, geometry.front_share) == (3.5, 0.0)
 
 

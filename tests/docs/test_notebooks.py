@@ -18,7 +18,7 @@ NOTEBOOKS = sorted(notebooks.FOLDER.glob("*.py"))
 MAX_BYTES = 700_000
 """Bytes of one with its pictures."""
 OUTPUTS = {
-    "another_labs_car": r"cause: steering_delay"
+    "another_labs_car": r"cause: steering_delay 0\.(?:0[89]|1[0-5])\d "
                         r"[\s\S]*limit = 1\.4[\s\S]*speed \[m/s\] +0\.\d+ +0\.[67]\d +1\.1",
     "calibrate_identify_diagnose": r"steering_lag, k 0\.0[6-9]\d ",
     "exercise_for_a_class": r"diagnose +3 +3 +3 +3 +12",

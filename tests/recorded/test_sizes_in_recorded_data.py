@@ -167,7 +167,8 @@ BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.2, scaled_gyro)
 def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
     number = found_size(zheng(), name, hide, hidden)
     assert abs(number.value - hidden) < HUBER_SIGMA * number.std
-    assert number.std < 0.4 * abs(hidden)
+    # The timing of this car is the least known: its delay has an error of .038 s.
+    assert number.std < (0.4 if name == "steering_delay" else 0.35) * abs(hidden)
 
 
 @pytest.mark.parametrize(("name", "hidden", "hide"), BOTH_SIGNS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -78,12 +78,9 @@ class Identification:
             return {**table, **{name.partition(".")[2]: q for name, q in found.items()
                                 if name.startswith(f"{section}.")}}
 
-        # A fit may have added effects.
-        there = {e.name for e in base.effects}
-        added = dict.fromkeys(section for name in found if (section := name.partition(".")[0])
-                              not in (*MODEL_PARAMETERS, *there))
+        added = map(EffectEntry, list_added_effects(base, found))
         effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
-                        for e in (*base.effects, *map(EffectEntry, added)))
+                        for e in (*base.effects, *added))
         body = insert("body", base.body)
         # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
         moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
@@ -218,11 +215,18 @@ def describe_moved_sizes(base: ModelFile, fitted: Mapping[str, FittedParameter])
     return f"sizes of car.toml: {', '.join(parts)}{remedy}" if parts else ""
 
 
+def list_added_effects(base: ModelFile, fitted: Iterable[str]) -> list[str]:
+    """Return the effects that a joint fit has added, from full names of fitted parameters."""
+    has = {*MODEL_PARAMETERS, *(e.name for e in base.effects)}
+    sections = dict.fromkeys(name.partition(".")[0] for name in fitted)
+    return [section for section in sections if section not in has]
+
+
 def describe_added_effects(base: ModelFile, fitted: Mapping[str, FittedParameter]) -> str:
     """State which effects a joint fit has added; "" without any."""
-    there = {*MODEL_PARAMETERS, *(e.name for e in base.effects)}
+    added = list_added_effects(base, fitted)
     parts = [f"{name} = {with_error(found.value, found.std)} {found.unit}"
-             for name, found in fitted.items() if name.partition(".")[0] not in there]
+             for name, found in fitted.items() if name.partition(".")[0] in added]
     return f"added, because the data need it: {', '.join(parts)}" if parts else ""
 
 

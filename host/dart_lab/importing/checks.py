@@ -34,8 +34,8 @@ MIN_CORRELATION = 0.6
 MAX_SCALE_ERROR = 1.25
 # Ratio of speed and commanded speed above which the command is no speed in that unit.
 MAX_COMMAND_RATIO = 3.0
-# s between rows above which a fit sees little of delays and lags, which are 0.05 to 0.2 s. Logs of
-# 20 Hz have rows 0.054 s apart.
+# s between rows above which a fit sees little of delays and lags, which are 0.05 to 0.2 s. Rows of
+# the F1TENTH logs have 0.042 to 0.054 s.
 MAX_ROW_TIME = 0.06
 MIN_ADVISED_RATE = 25.0
 # Ratios by which a mistaken unit is recognised, by the compared column, with a tolerance of 20 %.

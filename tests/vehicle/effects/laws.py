@@ -352,7 +352,7 @@ FRICTION_AT_1_5 = 1.5 * math.tanh(15.0) + 0.45 + 0.225
 PULL = 1.0 + 0.7 + FRICTION_AT_1_5
 
 FORCE_LAWS = (
-    # F_m - k v at both axles alike, at least 0; F_m = F_x + friction
+    # F_m - k v, at least 0, half of the change at each axle; F_m = F_x + friction
     Law("back_emf", {"k": 1.0}, {}, {"f_xf": 1.0 - 0.75, "f_xr": 0.7 - 0.75}),
     Law("back_emf", {"k": 4.0}, {}, {"f_xf": 1.0 - 0.5 * PULL, "f_xr": 0.7 - 0.5 * PULL}),
     Law("back_emf", {"k": 1.0}, {"v_x": 0.1}, {"f_xf": 1.0 - 0.05, "f_xr": 0.7 - 0.05}),

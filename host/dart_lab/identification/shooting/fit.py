@@ -172,10 +172,11 @@ def _needs_effect(problem: ShootingProblem, found: JointFit, vehicle: Vehicle,
     work = _JointProblem(problem, _make_space(vehicle, names, known), vehicle.body.l_r, None)
     x = np.zeros(len(names))
     scale = _typical_size(work.error(x))
-    data = work.evaluate(Solution(x, x, x, x, True, x != 0.0), scale)
-    weighted = data.jacobian * data.weight[:, None]
-    normal = weighted.T @ data.jacobian + PRIOR_SCALE**-2 * np.eye(len(names))
-    step = -np.linalg.solve(normal, weighted.T @ data.residual)
+    residual = work.residual(x, scale)
+    jacobian = work.jacobian(x, scale)
+    weighted = jacobian * soft_l1_weight(residual, LOSS_SCALE)[:, None]
+    normal = weighted.T @ jacobian + PRIOR_SCALE**-2 * np.eye(len(names))
+    step = -np.linalg.solve(normal, weighted.T @ residual)
     predicted = step[-1]**2 / np.linalg.inv(normal)[-1, -1]
     return bool(step[-1] > 0.0 and predicted > MIN_TRIED_SHARE * MIN_ADDED_GAIN)
 
@@ -295,33 +296,31 @@ class _JointProblem:
     def solve(self, x0: FloatArray, scale: FloatArray) -> Solution:
         space = self._space
 
-        def residual(x: FloatArray) -> FloatArray:
-            return self._residual(x, scale)
-
-        def jacobian(x: FloatArray, r: FloatArray) -> FloatArray:
+        def slopes(x: FloatArray, r: FloatArray) -> FloatArray:
             self._report_progress()
-            return self._jacobian(x, scale)
+            return self.jacobian(x, scale)
 
-        return descend(residual, jacobian, x0, space.low, space.high, robust=LOSS_SCALE,
-                       prior=PRIOR_SCALE**-2)
+        return descend(lambda x: self.residual(x, scale), slopes, x0, space.low, space.high,
+                       robust=LOSS_SCALE, prior=PRIOR_SCALE**-2)
 
     def evaluate(self, data: Solution, scale: FloatArray) -> Solution:
         """Return the solution with residuals and slopes of ``scale``."""
-        r = self._residual(data.x, scale)
-        return replace(data, residual=r, jacobian=self._jacobian(data.x, scale),
+        r = self.residual(data.x, scale)
+        return replace(data, residual=r, jacobian=self.jacobian(data.x, scale),
                        weight=soft_l1_weight(r, LOSS_SCALE))
 
     def agrees(self, data: Solution, scale: FloatArray, std: FloatArray) -> BoolArray:
         """Return whether the loss two standard errors away (k,) agrees with the slopes."""
         space = self._space
-        return agrees_with_quadratic(lambda x: self._residual(x, scale), data, std, space.low,
+        return agrees_with_quadratic(lambda x: self.residual(x, scale), data, std, space.low,
                                      space.high, robust=LOSS_SCALE, prior=PRIOR_SCALE**-2)
 
-    def _residual(self, x: FloatArray, scale: FloatArray) -> FloatArray:
+    def residual(self, x: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return the scaled errors (n,) at x."""
         error = np.clip(self.error(x) / scale, -MAX_RESIDUAL, MAX_RESIDUAL)
         return np.asarray(np.nan_to_num(error, nan=MAX_RESIDUAL).ravel())
 
-    def _jacobian(self, x: FloatArray, scale: FloatArray) -> FloatArray:
+    def jacobian(self, x: FloatArray, scale: FloatArray) -> FloatArray:
         """Return central differences (n, k); one-sided at a bound."""
         # The columns are independent: on a cluster the workers compute them.
         found = dict(each(partial(self._column, x, scale), range(len(x))))
@@ -336,7 +335,7 @@ class _JointProblem:
         down = x.copy()
         up[i] = min(x[i] + step, space.high[i])
         down[i] = max(x[i] - step, space.low[i])
-        return i, ((self._residual(up, scale) - self._residual(down, scale))
+        return i, ((self.residual(up, scale) - self.residual(down, scale))
                    / (up[i] - down[i]))
 
     def __getstate__(self) -> dict[str, Any]:

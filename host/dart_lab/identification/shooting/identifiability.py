@@ -64,7 +64,7 @@ def predict_identifiability(recordings: Sequence[Recording], base: Vehicle,
     names = free_names(base, tuple(FREE))
     space = Coordinates(base, names, known or {})
     scale = np.broadcast_to(np.array(FIRST_ERRORS)[:, None], (*problem.measured.shape[:2], 1))
-    slopes = _JointProblem(problem, space, base.body.l_r, None)._jacobian(space.first, scale)
+    slopes = _JointProblem(problem, space, base.body.l_r, None).jacobian(space.first, scale)
     relative = np.linalg.inv(PRIOR_SCALE**2 * slopes.T @ slopes + np.eye(len(names)))
     std = np.sqrt(np.diag(relative))
     # Remove the information of the prior, 1 in each coordinate.
