@@ -20,7 +20,7 @@ MAX_BYTES = 700_000
 OUTPUTS = {
     "another_labs_car": r"cause: steering_delay 0\.(?:0[89]|1[0-5])\d "
                         r"[\s\S]*limit = 1\.4[\s\S]*speed \[m/s\] +0\.\d+ +0\.[67]\d +1\.1",
-    "calibrate_identify_diagnose": r"steering_lag, k 0\.0[6-9]\d ",
+    "calibrate_identify_diagnose": r"steering_lag, k 0\.1[0-3]\d ",
     "exercise_for_a_class": r"diagnose +3 +3 +3 +3 +12",
     "own_controller": r"the paper's +[1-9]\.\d cm rms[^\n]*\nidentified +0\.\d cm rms",
 }
