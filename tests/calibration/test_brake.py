@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
 from dart_hal.calibration import brake
+from dart_hal.calibration.spin import edge_distances
 from dart_hal.car import Car
 from dart_hal.control.drivetrain import COAST_THROTTLE
 from dart_hal.control.lap import speed_profile
@@ -55,6 +57,21 @@ def test_intervals_hold_the_brake(files):
     found = [brake.fit_brake(parts, make_runs(parts, 4.4, seed), files)[0] for seed in range(200)]
     inside = np.mean([abs(q.value - 4.4) < 1.645 * q.std for q in found])
     assert inside > 0.85
+
+
+def test_nanos_clock_does_not_change_a_deceleration():
+    t = np.arange(0.0, 0.4, 0.01)
+    metres = 0.002
+    # Of x = 1.2 t - 1.5 t^2 the edge of count n is at the smaller root.
+    ticks = np.floor((1.2 * t - 1.5 * t**2) / metres).astype(int)
+    edge_t = (1.2 - np.sqrt(1.2**2 - 6.0 * metres * ticks)) / 3.0
+    before = (1.2 - np.sqrt(1.2**2 - 6.0 * metres * np.maximum(ticks - 1, 0))) / 3.0
+    nano = 1.004
+    pairs = [(SimpleNamespace(t_dev=7.0 + nano * at, ticks=int(n), edge_t=7.0 + nano * edge,
+                              edge_dt=nano * (edge - last)), SimpleNamespace(t=100.0 + at))
+             for at, n, edge, last in zip(t, ticks, edge_t, before, strict=True)]
+    times, x = edge_distances(pairs, metres)
+    assert -2.0 * np.polyfit(times, x, 2)[0] == pytest.approx(3.0, rel=1e-4)
 
 
 def test_esc_without_brake_is_stated(files):

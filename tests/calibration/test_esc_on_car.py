@@ -96,7 +96,7 @@ def a_spin(rng, pulse, start, begin, pull, a, c, has=None, lag=0.0):
             v = max(v + 1e-3 * (pull * away - a - (c + 0.004 * away) * v), 0.0)
             x, t = x + 1e-3 * v, t + 1e-3
     times, places = np.array(rows).T
-    return PulseSpan(pulse, times, places, 0.0, t), v, has
+    return PulseSpan(pulse, times, places, t), v, has
 
 
 def spun(rng, begin, lag=0.0):

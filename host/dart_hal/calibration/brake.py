@@ -75,10 +75,8 @@ def brake(hold: HoldPulse, log: SensorLog, files: CarFiles, part: float
             log.pairs()
             is_measuring = True
         state = hold(0.0, pulse)[-1]
-    samples = [sample for sample, _ in log.pairs()]
-    t: FloatArray = np.zeros(0)
-    if is_measuring and samples:
-        t, x = edge_distances(samples, files.metres_per_edge.value)
+    pairs = log.pairs() if is_measuring else []
+    t, x = edge_distances(pairs, files.metres_per_edge.value)
     if len(t) < MIN_EDGES:
         raise TooFewEdges(
             "too few edges while the car brakes", found=f"{len(t)} edges",

@@ -46,20 +46,19 @@ class NoEdges(Exception):
 class PulseSpan:
     """Edges of the ring, every second one, during one constant pulse ``pulse_us`` (0.0: none).
 
-    t [s] of the Nano's clock since ``began``, the State before the first one with the pulse at the
-    pins; ``ended`` [s] as t. x [m]: unsigned distance at the tread, see ``edge_distances``.
+    t [s] of the car's clock since the State before the first one with the pulse at the pins;
+    ``ended`` [s] as t. x [m]: unsigned distance at the tread, see ``edge_distances``.
     """
 
     pulse_us: float
     t: FloatArray
     x: FloatArray
-    began: float
     ended: float
 
     def without_start(self, seconds: float) -> PulseSpan:
         """Return the span without its first ``seconds``."""
         use = self.t >= seconds
-        return PulseSpan(self.pulse_us, self.t[use], self.x[use], self.began, self.ended)
+        return PulseSpan(self.pulse_us, self.t[use], self.x[use], self.ended)
 
     def speed(self, seconds: float) -> float:
         """Mean speed [m/s] of the last ``seconds``; 0 with fewer than two edges."""
@@ -160,30 +159,34 @@ class Spinner:
         at_pins = (k for k, (_, s) in enumerate(pairs)
                    if abs(s.applied.throttle_us - pulse_us) < 0.5 * self.count)
         pairs = pairs[max(next(at_pins, 0) - 1, 0):]
-        t, x = edge_distances([sample for sample, _ in pairs], self._metres)
-        began = pairs[0][0].t_dev
-        return PulseSpan(pulse_us, t, x, began, pairs[-1][0].t_dev - began)
+        t, x = edge_distances(pairs, self._metres)
+        return PulseSpan(pulse_us, t, x, pairs[-1][1].t - pairs[0][1].t)
 
 
-def edge_distances(samples: Sequence[Sample], metres_per_edge: float
+def edge_distances(pairs: Sequence[tuple[Sample, State]], metres_per_edge: float
                    ) -> tuple[FloatArray, FloatArray]:
-    """(t [s] of the Nano's clock since the first sample, distance [m]) of every second edge.
+    """(t [s] of the car's clock since the first pair, distance [m]) of every second edge.
 
     Of two edges one is the rise of a mark and one its fall. Counted in pairs, the width of the
-    marks cancels.
+    marks cancels. The resonator of the Nano is off by up to 0.5 %, an acceleration by twice that:
+    its times are stretched to those of the States.
     """
-    first = samples[0]
+    if not pairs:
+        return np.zeros(0), np.zeros(0)
+    (first, begin), (last_sample, end) = pairs[0], pairs[-1]
+    ticked = last_sample.t_dev - first.t_dev
+    rate = (end.t - begin.t) / ticked if ticked > 0.0 else 1.0
     t = []
     x = []
     last = first.ticks
-    for sample in samples:
+    for sample, _ in pairs:
         ticks = sample.ticks
         edge_t = sample.edge_t
         if ticks % 2:
             ticks -= 1
             edge_t = edge_t - sample.edge_dt if sample.edge_dt else -np.inf
         if ticks > last and edge_t > first.t_dev:
-            t.append(edge_t - first.t_dev)
+            t.append(rate * (edge_t - first.t_dev))
             x.append((ticks - first.ticks) * metres_per_edge)
             last = ticks
     return np.array(t), np.array(x)

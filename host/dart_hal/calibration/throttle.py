@@ -336,7 +336,7 @@ def _fit_motion(log: SensorLog, target: float, seconds: float, files: CarFiles
     Raises NoMotion if the car is much slower than ``target`` [m/s], CalibrationFailed if its speed
     is not constant.
     """
-    t, x = edge_distances([sample for sample, _ in log.pairs()], files.metres_per_edge.value)
+    t, x = edge_distances(log.pairs(), files.metres_per_edge.value)
     if len(t) < MIN_MEASURED_EDGES or x[-1] < 0.5 * target * seconds:
         raise NoMotion(f"the car does not reach {target} m/s",
                        found=f"{x[-1] if len(x) else 0.0:.2f} m in {seconds:.1f} s",
