@@ -16,6 +16,7 @@ from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Applied, Doubt, State
+from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.vehicle.sets import PAPER
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ class CalibrationRunner:
                              max_throttle=CALIBRATION_MAX_THROTTLE)
         self._neutral = files.neutral_us
         self._span = files.config.throttle.span_us
+        self._watch = DirectionWatch()
         self._last: float | None = None
         self._frames = iter(car.states())
 
@@ -65,7 +67,8 @@ class CalibrationRunner:
         """Hold a steering pulse and a speed [m/s] (0 = standstill); return the States.
 
         seconds: of the car's clock. throttle_us: constant throttle pulse instead of the speed loop.
-        Raises NoMotion when the speed becomes doubtful, LinkLost and other errors of the Car.
+        Raises NoMotion when the speed becomes doubtful, CalibrationFailed if the car speeds up
+        against its throttle, LinkLost and other errors of the Car.
         """
         states: list[State] = []
         start: float | None = None
@@ -76,6 +79,9 @@ class CalibrationRunner:
             states.append(state)
             if state.health.speed_doubted:
                 raise encoder_doubt(state)
+            if self._watch.update(state.t, state.speed, state.applied.throttle):
+                raise backward_error(f"{state.speed:+.2f} m/s at a throttle of "
+                                     f"{state.applied.throttle:+.2f}")
             throttle = self._law.throttle(speed, state.speed, dt)
             pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
             self._car.pulses(steering_us=steering_us, throttle_us=pulse)
@@ -133,6 +139,16 @@ def check_pull(states: list[State], speed: float, bias: float = 0.0) -> bool:
 def yaw_rates(states: list[State]) -> list[float]:
     """Yaw rates [rad/s] of the States with a valid sample of the IMU."""
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
+
+
+def backward_error(found: str) -> CalibrationFailed:
+    """Make the error for a car that drives against its throttle."""
+    return CalibrationFailed(
+        "a pulse above neutral drives the car backward", found=found,
+        expected="acceleration forward",
+        likely="the motor's leads are swapped, or the IMU is turned by 180 degrees (push the "
+               "car forward by hand: accel_x must be positive)",
+        remedy="swap the two leads of the motor, or mount_yaw = 3.1416 under [imu]")
 
 
 def encoder_doubt(state: State) -> NoMotion:

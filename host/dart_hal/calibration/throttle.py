@@ -32,7 +32,7 @@ from .by_hand import check_wheels_by_hand, explain_standstill
 from .clock import UNMEASURED_CLOCK_STD
 from .measured import Measured
 from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress
-from .runner import CalibrationRunner, NoMotion, driving, yaw_rates
+from .runner import CalibrationRunner, NoMotion, backward_error, driving, yaw_rates
 from .sensor_log import SensorLog
 from .spin import edge_distances
 from .straight import LineKeeper, rest
@@ -210,13 +210,7 @@ def _check_direction(car: Car) -> None:
                            expected="motion")
     speed = abs(states[-1].speed)
     if inertial < -MIN_INERTIAL_SHARE * speed:
-        raise CalibrationFailed(
-            "a pulse above neutral drives the car backward",
-            found=f"{inertial:+.2f} m/s by the accelerometer, wheels at {speed:.2f} m/s",
-            expected="acceleration forward",
-            likely="the motor's leads are swapped, or the IMU is turned by 180 degrees (push the "
-                   "car forward by hand: accel_x must be positive)",
-            remedy="swap the two leads of the motor, or mount_yaw = 3.1416 under [imu]")
+        raise backward_error(f"{inertial:+.2f} m/s by the accelerometer, wheels at {speed:.2f} m/s")
     if inertial < MIN_INERTIAL_SHARE * speed:
         raise CalibrationFailed(
             "the wheels turn but the car does not move",

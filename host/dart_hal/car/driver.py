@@ -31,6 +31,7 @@ from dart_hal.devices.actuation import (
     refusals,
 )
 from dart_hal.devices.actuation.arming import WAIVABLE
+from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.actuation.supervisor import TRANSIENT_REFUSALS
 from dart_hal.devices.links.base import Backend
@@ -60,6 +61,7 @@ class Driver:
                                  demand=lambda: self.supervisor.output)
         self.observer = Observer(files, backend, receiver, self.actuator)
         self._neutral_watch = NeutralWatch()
+        self._direction_watch = DirectionWatch()
         self.rc: RcOverride | None = None
         if files.config.rc is not None and files.config.rc.enabled:
             self.rc = RcOverride(files.config)
@@ -174,6 +176,7 @@ class Driver:
         """Take over a State that arrived at host time ``now`` [s]."""
         self.observer.observe(state, now)
         self._watch_neutral(state, now)
+        self._watch_direction(state, now)
         health = state.health
         # An encoder that is lost caps the throttle; in RAW one that is doubted does.
         lost = health.speed_doubted if self.mode is ArmState.RAW else health.encoder_lost
@@ -206,6 +209,13 @@ class Driver:
         if self._neutral_watch.update(now, state.speed, self.actuator.at_neutral, doubted):
             self.supervisor.silence(now, "MOVES_AT_NEUTRAL")
             self._neutral_watch.restart()
+
+    def _watch_direction(self, state: State, now: float) -> None:
+        """Trip if the car speeds up against its throttle. A calibration has its own watch."""
+        against = self._direction_watch.update(state.t, state.speed, state.applied.throttle)
+        if against and self.mode is ArmState.ARMED and not state.health.speed_doubted:
+            self._step(now, ["AGAINST_THROTTLE"], ())
+            self.actuator.stop_at_once()
 
     def on_boot(self) -> None:
         """Disarm after a reboot of the Nano, and refuse until arm() is called again."""

@@ -31,6 +31,9 @@ TRIPS: dict[str, tuple[str, str]] = {
                          "was it pushed, or does it roll? else check the marks of the encoder "
                          "ring, [throttle] neutral_us, [pwm] oscillator_hz and the channels in "
                          "the car's files"),
+    "AGAINST_THROTTLE": ("the car sped up against its throttle",
+                         "push the car forward by hand: accel_x must be positive, else mount_yaw = "
+                         "3.1416 under [imu] in car.toml. If it is, the motor's leads are swapped"),
     "RC_LOST": ("the signal of the RC transmitter was lost while its driver drove",
                 "check its battery, its range and the wires of the receiver"),
     "RC_OVERRIDE": ("the driver of the RC transmitter took over during a calibration",

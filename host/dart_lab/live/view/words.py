@@ -40,6 +40,9 @@ TRIP_WORDS: dict[str, Words] = {
                 f"Check the Nano and its wires. {DOCTOR}"),
     "MOVES_AT_NEUTRAL": ("The wheels sped up at neutral, so motor and steering get no pulse.",
                          f"{WAIT_FOR_REST} If it was not pushed, its neutral is wrong. {DOCTOR}"),
+    "AGAINST_THROTTLE": ("The car sped up against its throttle.",
+                         "The leads of the motor are swapped, or the IMU is turned by 180 degrees. "
+                         f"{DOCTOR}"),
     "RC_LOST": ("The signal of the RC transmitter was lost.",
                 f"Check its battery and its range. {ARM}"),
     "RC_OVERRIDE": ("The driver of the RC transmitter took over.", ARM),

@@ -1,0 +1,51 @@
+"""Detection of a car that speeds up against its throttle.
+
+The leads of the motor are swapped, or the IMU, which gives the direction of travel, is turned by
+180 degrees. A speed loop would then raise the throttle the more, the faster the car goes.
+
+    the measured speed has the sign opposite to the throttle at the pin
+    |speed| > lowest + 0.2 m/s      it speeds up; lowest: smallest |speed| with this sign of the
+                                    throttle, which rises by 0.25 m/s2
+
+A car that reverses slows down first and satisfies neither. A throttle below neutral is the brake of
+an ESC as long as the car has not come to rest: downhill the car may speed up under it.
+"""
+
+from __future__ import annotations
+
+import math
+
+# m/s: the direction is known after a change of 0.25 m/s within 0.4 s.
+MIN_RISE = 0.2
+# m/s2: an old minimum is forgotten, so that a sign that is wrong for a moment at a constant speed
+# is no rise. A motor with a throttle beyond its dead band accelerates the car by 1 m/s2 and more.
+FORGETTING_RATE = 0.25
+# m/s: below this the car has come to rest, and a pulse below neutral is no longer a brake.
+REST_SPEED = 0.05
+
+
+class DirectionWatch:
+    """Compares speed and throttle; ``update`` once per State."""
+
+    def __init__(self) -> None:
+        self._sign = 0.0
+        self._lowest = math.inf
+        self._t = 0.0
+        self._has_rested = False
+
+    def update(self, t: float, speed: float, throttle: float) -> bool:
+        """Return whether the car speeds up against its throttle.
+
+        t [s] and speed [m/s] of the State, forward positive; throttle [-1..1]: at the pin.
+        """
+        size = abs(speed)
+        sign = (throttle > 0.0) - (throttle < 0.0)
+        if sign != self._sign:
+            self._sign = sign
+            self._lowest = math.inf
+            self._has_rested = False
+        self._lowest = min(size, self._lowest + FORGETTING_RATE * max(t - self._t, 0.0))
+        self._t = t
+        self._has_rested |= size < REST_SPEED
+        against = sign * speed < 0.0 and (sign > 0 or self._has_rested)
+        return against and size > self._lowest + MIN_RISE

@@ -1,0 +1,134 @@
+"""A car that drives against its throttle is disarmed: swapped motor leads, an IMU turned round."""
+
+from __future__ import annotations
+
+import pytest
+
+from dart_hal.calibration.steering import calibrate_steering
+from dart_hal.calibration.throttle import calibrate_throttle
+from dart_hal.car import Car
+from dart_hal.core.errors import CalibrationFailed, Disarmed
+from dart_hal.devices.actuation.direction_watch import DirectionWatch
+from dart_hal.devices.links.base import open_backend
+from dart_lab.sim import car_file
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import THROTTLE_CHANNEL
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
+
+pytestmark = pytest.mark.usefixtures("armed_esc")
+
+SWAPPED_URL = "sim://?seed={seed}&fail=esc:wrong@0"
+DT = 0.01
+
+
+class Drive:
+    """A drive of 2 s, and one more without commands; ``fastest`` [m/s] and ``rolled`` [m]: true."""
+
+    def __init__(self, url, command):
+        backend = open_backend(url)
+        world = world_of(backend)
+        self.pulses = []
+        world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL
+                              and self.pulses.append((pulse[1], (pulse[1] - pulse[0]) * 1e6)))
+        self.fastest = 0.0
+        self.causes = ()
+        with Car.over(backend) as car:
+            car.arm(waive=("CALIBRATION_MISSING",))
+            try:
+                for _ in car.states(duration=2.0):
+                    command(car)
+                    self.fastest = max(self.fastest, abs(world.truth().v_x))
+            except Disarmed as error:
+                self.causes = error.causes
+            self.tripped_at = world.t
+            for state in car.states(duration=1.0):
+                self.fastest = max(self.fastest, abs(world.truth().v_x))
+                assert state.applied.throttle == 0.0 or not self.causes
+            self.rolled = abs(world.truth().x)
+
+    def moving(self):
+        """Pulses [us] of the ESC's pin away from neutral, from 30 ms after the trip on."""
+        return [us for t, us in self.pulses
+                if t > self.tripped_at + 0.03 and abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, -0.5])
+@pytest.mark.parametrize("nano", ["&nano=mock", pytest.param("", marks=pytest.mark.slow)])
+def test_swapped_leads_end_a_drive_at_a_speed(speed, nano):
+    drive = Drive(SWAPPED_URL.format(seed=3) + nano,
+                  lambda car: car.drive_speed(steering=0.0, speed=speed))
+    assert drive.causes == ("AGAINST_THROTTLE",)
+    assert drive.fastest < 0.8
+    assert drive.rolled < 0.4
+    assert not drive.moving()
+
+
+def test_control_without_the_watch_the_car_runs_away(monkeypatch):
+    monkeypatch.setattr(DirectionWatch, "update", lambda *values: False)
+    drive = Drive(SWAPPED_URL.format(seed=3) + "&nano=mock",
+                  lambda car: car.drive_speed(steering=0.0, speed=0.5))
+    assert drive.causes == ()
+    assert drive.fastest > 3.0
+
+
+def test_a_constant_throttle_trips_too():
+    drive = Drive(SWAPPED_URL.format(seed=3) + "&nano=mock",
+                  lambda car: car.drive(steering=0.0, throttle=0.4))
+    assert drive.causes == ("AGAINST_THROTTLE",)
+    assert drive.fastest < 1.0
+
+
+def test_an_imu_turned_round_ends_a_drive(monkeypatch):
+    usual = "[imu]\n"
+    assert usual in car_file._CAR_TOML
+    monkeypatch.setattr(car_file, "_CAR_TOML", car_file._CAR_TOML.replace(
+        usual, f"{usual}mount_yaw = 3.1416\n"))
+    drive = Drive("sim://?seed=3&nano=mock", lambda car: car.drive_speed(steering=0.0, speed=0.5))
+    assert drive.causes == ("AGAINST_THROTTLE",)
+    assert drive.fastest < 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("calibrate", [
+    lambda car, workshop: calibrate_steering(car, dry_run=True), calibrate_throttle])
+def test_a_calibration_ends_with_the_remedy(calibrate, tmp_path):
+    backend = open_backend(SWAPPED_URL.format(seed=3) + "&nano=mock")
+    world = world_of(backend)
+    with Car.over(backend, cars=tmp_path) as car:
+        speeds = []
+        car.on_state(lambda state: speeds.append(abs(world.truth().v_x)))
+        with pytest.raises(CalibrationFailed, match="leads"):
+            calibrate(car, backend.workshop)
+    assert max(speeds) < 0.8
+
+
+def watched(speeds, throttles):
+    watch = DirectionWatch()
+    return [watch.update(k * DT, v, u) for k, (v, u) in enumerate(zip(speeds, throttles,
+                                                                      strict=True))]
+
+
+def ramp(begin, end, seconds):
+    steps = round(seconds / DT)
+    return [begin + (end - begin) * k / steps for k in range(steps)]
+
+
+def test_speeding_up_backward_under_a_forward_throttle_is_noticed():
+    assert any(watched(ramp(0.0, -0.5, 0.4), [0.3] * 40))
+
+
+def test_a_reversal_is_no_fault():
+    """The throttle changes its sign while the car still rolls the other way."""
+    speeds = [*ramp(0.0, -1.0, 1.0), *ramp(-1.0, 0.0, 0.5), *ramp(0.0, 1.0, 1.0)]
+    assert not any(watched(speeds, [-0.4] * 100 + [0.4] * 150))
+
+
+def test_a_brake_downhill_is_no_fault():
+    """It brakes as long as the car has not come to rest, however weakly."""
+    assert not any(watched(ramp(1.0, 2.0, 2.0), [-0.1] * 200))
+
+
+def test_a_wrong_sign_at_a_constant_speed_is_no_rise():
+    """A bump of the floor or a slip of the wheels may exchange the sign for a moment."""
+    speeds = [*ramp(0.0, 1.0, 1.0), *[1.0] * 500, *[-1.0] * 50, *[1.0] * 50]
+    assert not any(watched(speeds, [0.3] * 700))
