@@ -7,10 +7,11 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from dart_hal.control.lane import LOOK_DISTANCE, find_lane
+from dart_hal.control.lane import LOOK_DISTANCE, LaneView, find_lane
+from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.lane_model import LaneReckoning
 from dart_hal.control.paths import Path
-from dart_hal.core.types import Pose
+from dart_hal.core.types import Pose, Scan
 from dart_hal.vehicle.sets import UPSTREAM_2024
 from dart_lab.sim.lidar.lanes import LANE_HALF_WIDTH, LANE_PATHS, lane_boards
 from studies.control.light_follow import plant_by
@@ -118,3 +119,17 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
             before = lane
     assert model.trim == pytest.approx(trim, abs=0.005)
     assert model.mount == pytest.approx(mount, abs=0.005)
+
+
+@pytest.mark.parametrize(("beside", "ended"), [(0.1, ""), (0.5, "the car left the lane")])
+def test_beside_the_lane_a_drive_ends_and_is_no_success(beside, ended):
+    middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.full(30, beside)))
+    follower = LaneFollower(plant_by(UPSTREAM_2024), 1.0,
+                            find_lane=lambda points, pose: LaneView(middle, 0.4, True, True))
+    scan = Scan(0.0, 0.0, 7.0, np.zeros(1), np.zeros(1), np.ones(1))
+    follower.answer(0.0, 0.0)
+    follower.answer(0.1, 0.0, [scan])
+    follower.answer(0.11, 0.0)
+    assert follower.why.startswith(ended)
+    assert bool(follower.why) == bool(ended)
+    assert not follower.good

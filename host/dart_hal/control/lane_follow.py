@@ -149,6 +149,8 @@ class LaneFollower(Ending):
             return
         if t - self._lane_t > MAX_POSE_GAP:
             self._end(f"{self._describe_fault()} for {t - self._lane_t:.1f} s")
+        elif 0.0 < self.half < abs(self.offset):
+            self._end(f"the car left the lane: {100.0 * abs(self.offset):.0f} cm from its middle")
         elif self._stuck_detector.is_stuck(t, self.model.now.speed):
             self._end(f"the car does not move, though commanded to for {STUCK_TIME:g} s")
         elif t - self._start_t > self.duration:
