@@ -7,13 +7,16 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from math import cos, sin
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import LidarCalibration
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import ScanSource
-from dart_hal.core.types import Mount, Scan, State
+from dart_hal.core.types import FloatArray, Mount, Scan, State
 from dart_hal.devices.links.base import Backend
 
 if TYPE_CHECKING:
@@ -24,6 +27,9 @@ if TYPE_CHECKING:
 MAX_QUEUED_SCANS = 64
 # m from the rear axle forward to the axis, where no file states it: drawing of the base plate.
 DEFAULT_MOUNT_X = 0.13
+# m, m, rad: standard error of a mounting that was not measured: play of the screws in their holes,
+# and of the housing on its plate.
+UNMEASURED_MOUNT_STD = (0.003, 0.003, 0.03)
 
 
 class CarLidar:
@@ -109,6 +115,30 @@ def mount_of(files: CarFiles) -> Mount:
     measured = (table.mount_x, table.mount_y, table.mount_yaw, table.scale)
     x, y, yaw, scale = (m.value if m else g for m, g in zip(measured, given, strict=True))
     return Mount(x, y, yaw, configured.inverted, scale)
+
+
+def mount_std(files: CarFiles) -> tuple[float, float, float]:
+    """Return the standard errors of x, y [m] and yaw [rad] of the mounting.
+
+    Those of ``calibrate lidar``, else of a lidar that was screwed on by hand.
+    """
+    table = files.calibration.lidar if files.calibration else LidarCalibration()
+    x, y, yaw = (m.std if m else usual for m, usual in zip(
+        (table.mount_x, table.mount_y, table.mount_yaw), UNMEASURED_MOUNT_STD, strict=True))
+    return x, y, yaw
+
+
+def mounting_covariance(files: CarFiles, yaw: float) -> FloatArray:
+    """Return the covariance (3, 3) of a pose of the car [m, m, rad] by errors of the mounting.
+
+    yaw [rad]: of the car. A lidar that is turned by d on the car turns the car by d about itself.
+    """
+    mount = mount_of(files)
+    c, s = cos(yaw), sin(yaw)
+    slopes = np.array([[c, -s, s * mount.x + c * mount.y],
+                       [s, c, s * mount.y - c * mount.x],
+                       [0.0, 0.0, 1.0]]) * mount_std(files)
+    return np.asarray(slopes @ slopes.T)
 
 
 def attach_lidar(backend: Backend, lidar: str | ScanSource | None) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dart_hal.car.lidar import CarLidar
+from dart_hal.car.lidar import CarLidar, mount_std
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
@@ -59,10 +59,10 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> External
     """
     # Imported here: a car without poses needs no filter of them.
     from dart_hal.estimation.pose_model import MarkerModel
-    from dart_hal.estimation.room import AXLE, UNKNOWN_MARKER, ExternalPoseEstimator
+    from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator, make_axle_marker
 
     if source.on_board:
-        return ExternalPoseEstimator(odometry, AXLE, own_clock=True)
+        return ExternalPoseEstimator(odometry, make_axle_marker(mount_std(files)), own_clock=True)
     table = files.calibration.mocap if files.calibration else None
     if table is None:
         return ExternalPoseEstimator(odometry)

@@ -12,6 +12,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.car.car import open_url
+from dart_hal.car.lidar import mounting_covariance
 from dart_hal.cli.common.localize_picture import draw_localization
 from dart_hal.cli.common.options import (
     FiniteNumber,
@@ -28,6 +29,7 @@ from dart_hal.cli.common.session import load_map, show_sensor_errors, with_progr
 from dart_hal.cli.common.simulated_room import load_simulator
 from dart_hal.control.ending import Phase
 from dart_hal.control.while_located import WhileLocated
+from dart_hal.core.config import CarFiles
 from dart_hal.core.types import FloatArray, Pose
 from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.localiser import Located
@@ -80,7 +82,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
         show_sensor_errors(car)
     # Only the room of the simulation has a true pose; a map of --map is in a frame of its own.
     truth = _true_path(backend, poses) if chart is None else None
-    found = {**summarise_poses(poses, truth), "ended": ended and ended.why}
+    found = {**summarise_poses(poses, truth, car.files), "ended": ended and ended.why}
     if plot:
         found["files"] = {"plot": str(draw_localization(source.chart, poses, truth, plot))}
     if as_json:
@@ -129,17 +131,19 @@ def _true_path(backend: Backend, poses: list[Located]) -> FloatArray | None:
     return load_simulator().true_path(backend, np.array([located.t for located in poses]))
 
 
-def summarise_poses(poses: list[Located], truth: FloatArray | None) -> dict[str, Any]:
+def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFiles
+                    ) -> dict[str, Any]:
     """Return the figures of the localisation.
 
-    poses: one for each scan. truth (n, 3): the true pose at each scan, None if not known.
+    poses: one for each scan. truth (n, 3): the true pose at each scan, None if not known. files:
+    those of the car, with the mounting of the lidar.
     """
     last = poses[-1] if poses else None
     found: dict[str, Any] = {
         "status": str(last.status) if last else "LOST", "scans": len(poses),
         "agreement": last.agreement if last else None,
         "mirrored": bool(last and last.mirrored),
-        "pose": last and last.pose and _pose_json(last.pose),
+        "pose": last and last.pose and _pose_json(last.pose, files),
         "counts": dict(Counter(str(located.status) for located in poses))}
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)
              if located.pose is not None] if truth is not None else []
@@ -154,8 +158,9 @@ def summarise_poses(poses: list[Located], truth: FloatArray | None) -> dict[str,
     return found
 
 
-def _pose_json(pose: Pose) -> dict[str, Any]:
-    return {"x": pose.x, "y": pose.y, "yaw": remainder(pose.yaw, tau), "cov": pose.cov.tolist()}
+def _pose_json(pose: Pose, files: CarFiles) -> dict[str, Any]:
+    covariance = pose.cov + mounting_covariance(files, pose.yaw)
+    return {"x": pose.x, "y": pose.y, "yaw": remainder(pose.yaw, tau), "cov": covariance.tolist()}
 
 
 def format_summary(found: dict[str, Any]) -> str:

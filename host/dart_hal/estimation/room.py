@@ -29,8 +29,9 @@ from dart_hal.estimation.spin import SPIN_SPEED_STD, SpinDetector
 # network; the fit of its clock already removes the smallest one.
 UNKNOWN_MARKER = MarkerModel(
     latency=0.01, std=(MAX_MARKER_OFFSET, MAX_MARKER_OFFSET, MAX_MARKER_YAW, 0.02))
-# Marker of poses by the car's own lidar: at the rear axle, on the car's own clock.
-AXLE = MarkerModel(std=(0.001, 0.001, 0.002, 0.002))
+# m, m, rad, s: errors of poses by the car's own lidar, on the car's own clock, in addition to those
+# of its mounting.
+AXLE_STD = (0.001, 0.001, 0.002, 0.002)
 # rad per m/s2, slip gain of the rear tyres: between 0.011 and 0.034 of the two published sets
 # (``odometry.py``). At constant speed v it cannot be separated from lx: 0.01 are 1 cm at 1 m/s.
 SLIP_GAIN = 0.0225
@@ -40,6 +41,15 @@ SLIP_GAIN_STD = 0.016
 MAX_OUTLIER_TIME = 0.5
 # s by which the State's time may exceed the motions; more was lost in a reset of the Nano.
 MAX_MOTION_GAP = 0.1
+
+
+def make_axle_marker(mount_std: tuple[float, float, float]) -> MarkerModel:
+    """Return the marker of poses by the car's own lidar, which are those of the rear axle.
+
+    mount_std: standard errors of x, y [m] and yaw [rad] of the lidar's mounting.
+    """
+    x, y, yaw = (hypot(a, b) for a, b in zip(mount_std, AXLE_STD[:3], strict=True))
+    return MarkerModel(std=(x, y, yaw, AXLE_STD[3]))
 
 
 class _AcceptedPose(NamedTuple):

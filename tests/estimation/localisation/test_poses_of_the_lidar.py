@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from math import remainder, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from dart_hal import Car
 from dart_hal.car import poses
+from dart_hal.car.lidar import UNMEASURED_MOUNT_STD, mount_of, mounting_covariance
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
@@ -24,6 +26,7 @@ from dart_hal.estimation.localisation.search import search
 from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
 from dart_lab.sim.lidar.maps import box, room_of
+from dart_lab.sim.room_truth import true_path
 from dart_lab.sim.truth import room_of_car, world_of
 from studies.localisation.world import drive, hidden
 from tests.common import MAPPED_ROOM_URL
@@ -80,7 +83,54 @@ def test_poses_made_on_board_need_no_marker(monkeypatch):
                         lambda _, *marker, **how: made.append(marker))
     for Source.on_board in (False, True):
         poses.room_of(load_car("dart-01", ["cars"]), Odometry(), Source())
-    assert made == [(), (room.AXLE,)]
+    assert made == [(), (room.make_axle_marker(UNMEASURED_MOUNT_STD),)]
+
+
+def drive_with_turned_lidar():
+    """Yaw [rad]: error at rest and its standard error; the same after 15 s of driving."""
+    backend = open_backend("sim://?nano=mock&lidar=1&map=room&seed=4")
+    source = LidarPoses(map_of_lines(room_of_car(backend).lines))
+    found = []
+    with Car.over(backend, poses=source) as car:
+        for state in car.states(duration=3.0):
+            pass
+        found.append(yaw_error(backend, state))
+        car.arm(waive=("CALIBRATION_MISSING",))
+        for state in car.states(duration=15.0):
+            car.drive_speed(steering=0.4 if int(state.t) // 4 % 2 else -0.4, speed=0.6)
+        found.append(yaw_error(backend, state))
+    return found
+
+
+def yaw_error(backend, state):
+    estimate = state.external.estimate
+    true = true_path(backend, np.array([estimate.t]))[0]
+    return abs(remainder(estimate.pose.yaw - true[2], tau)), float(np.sqrt(estimate.cov[2, 2]))
+
+
+@pytest.mark.slow
+def test_the_yaw_of_the_mounting_is_in_the_covariance_and_learnt():
+    (at_rest, rest_std), (driven, driven_std) = drive_with_turned_lidar()
+    assert at_rest > 0.015
+    assert at_rest < 2.0 * rest_std
+    assert driven < 0.5 * at_rest
+    assert driven < 2.0 * driven_std
+    assert driven_std < 0.3 * rest_std
+
+
+@pytest.mark.slow
+def test_control_a_mounting_without_error_is_stated_too_well(monkeypatch):
+    monkeypatch.setattr(poses, "mount_std", lambda files: (0.0, 0.0, 0.0))
+    (_, _), (driven, driven_std) = drive_with_turned_lidar()
+    assert driven > 4.0 * driven_std
+
+
+def test_an_error_of_the_mounting_turns_the_car_about_the_lidar():
+    with Car.open("sim://?nano=mock&lidar=1") as car:
+        covariance = mounting_covariance(car.files, yaw=0.0)
+        ahead = mount_of(car.files).x
+    x, y, yaw = UNMEASURED_MOUNT_STD
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([x, np.hypot(y, ahead * yaw), yaw])
 
 
 @pytest.mark.parametrize("text", ["lidar:", "lidar:map.yaml?begin=1", "lidar:m.yaml?start=1,2",
