@@ -110,7 +110,16 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
         assert why.causes == ("RUN_STOP",)
         assert driven.last_driving() <= at + 0.05
     assert code == 0
-    assert result == {"stopped": ["red"], "silent": []}
+    assert result == {"stopped": ["red"], "silent": [], "missing": 0}
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+def test_a_car_that_died_before_is_missed_by_its_number(capsys):
+    with FleetCar(arm=False) as driven:
+        code, result = run_verb(capsys, "fleet", "stop", "--room", driven.room, "--expect", "2",
+                                "--json")
+    assert (code, result["stopped"], result["missing"]) == (1, ["red"], 1)
 
 
 @pytest.mark.realtime

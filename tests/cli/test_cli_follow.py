@@ -111,6 +111,8 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "must be above 0 m"),
     (("savoiardo", "--speed", 1, "--minimum-time"), "needs a lane for the line"),
     (("savoiardo", "--speed", 1, "--detect-cars"), "add --poses lidar:MAP.yaml"),
+    (("savoiardo", "--speed", 1, "--room-key", "k"), "--room-key needs --room"),
+    (("savoiardo", "--speed", 1, "--odometry", "--poses", "udp://:5005"), "uses no poses"),
 ])
 @pytest.mark.slow_except("arguments[0-46-9]*", "arguments1[0-3]*")
 def test_what_cannot_be(verb, arguments, message):

@@ -341,3 +341,9 @@ def test_a_missing_pose_states_its_reason():
     for t in (0.0, 1.1 * MAX_START_WAIT):
         follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START_FRAME))
     assert follower.why == "no pose came within 5 s: the lidar is silent"
+
+
+def test_an_unknown_tracker_is_refused():
+    with pytest.raises(UsageError, match="no such tracker") as refused:
+        Follower(LONG, PLANT, 1.0, tracker="foo")
+    assert "lqr" in refused.value.expected

@@ -79,12 +79,15 @@ def command(context: click.Context, rooms: tuple[str, ...], room_key: Path | Non
 @room_option
 @room_key_option
 @click.option("--why", default="", help="reason, for the log of each car")
+@click.option("--expect", type=click.IntRange(min=1), default=None, metavar="N",
+              help="number of cars that must answer; exit 1 if fewer do")
 @json_option
-def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, as_json: bool) -> int:
+def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, expect: int | None,
+                 as_json: bool) -> int:
     """Stop every car of a room: throttle neutral, disarmed. Exit 1 if a known car does not answer.
 
     The stop is repeated until each known car has answered, for at most 2 s. Two programs with the
-    same name must both answer.
+    same name must both answer. A car whose program had died before is not known: --expect counts.
     """
     with ExitStack() as stack:
         stations = _enter_rooms(rooms, room_key, stack)
@@ -98,13 +101,17 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, as_jso
     silent = sorted(set().union(*(call.silent for call in calls)))
     # A car of several rooms, or two programs with one name, count once; any silence wins.
     answered = sorted(set().union(*(call.confirmed_cars for call in calls)) - set(silent))
+    missing = max((expect or 1) - len(answered), 0)
     if as_json:
-        print_json({"stopped": answered, "silent": silent, **ignored})
+        print_json({"stopped": answered, "silent": silent, "missing": missing, **ignored})
     else:
-        print_line(f"stopped: {', '.join(answered) or 'no car answered'}")
+        print_line(f"stopped: {', '.join(answered)}" if answered
+                   else "no car answered: nothing was stopped")
         if silent:
             print_line(f"no answer: {', '.join(silent)}")
-    return 0 if answered and not silent else 1
+        if expect and missing:
+            print_line(f"{missing} of {expect} cars did not answer")
+    return 0 if not missing and not silent else 1
 
 
 @command.command("watch")

@@ -133,6 +133,13 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if shortest and half_width is None:
         raise UsageError("--minimum-time needs a lane for the line", expected="--raceline M",
                          remedy=f"dart-hal follow {path} --profile --raceline 0.3 --minimum-time")
+    if room is None and room_key is not None:
+        raise UsageError("--room-key needs --room", found=str(room_key),
+                         expected="the room that the key is for",
+                         remedy=f"dart-hal follow {path} --room udp://239.255.42.99:7447 ...")
+    if odometry and poses is not None:
+        raise UsageError("--odometry uses no poses", found=f"--poses {poses}",
+                         expected="one of --odometry and --poses", remedy="leave one of them out")
     # At the limit of the tyres only a tracker that plans its speed has a margin for model errors.
     make = choose_tracker(tracker or ("mpcc" if profile else "lqr"), discs, compiled, lane, weights)
     track = track_named(path).reversed() if reverse else track_named(path)

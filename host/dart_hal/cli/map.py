@@ -34,7 +34,7 @@ from dart_hal.core.errors import Disarmed, LinkLost, UsageError
 from dart_hal.estimation.localisation.field import map_of_grid
 from dart_hal.estimation.localisation.grid import Grid, write_grid
 from dart_hal.estimation.localisation.health import MIN_AGREEMENT, agreement
-from dart_hal.estimation.mapping.checks import MapChecks
+from dart_hal.estimation.mapping.checks import MIN_DRIVE, MapChecks
 from dart_hal.estimation.mapping.keyframes import Survey
 from dart_hal.estimation.mapping.mapper import Mapper
 from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
@@ -53,7 +53,7 @@ from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
               help="side of the car on which the wall is")
 @click.option("--gap", type=FiniteNumber(0.3, 3.0), default=0.6, show_default=True,
               help="m to that wall")
-@click.option("--distance", type=FiniteNumber(min=0.1), default=None,
+@click.option("--distance", type=FiniteNumber(min=MIN_DRIVE), default=None,
               help="m after which the car stops")
 @click.option("--duration", type=FiniteNumber(min=0.1), default=None,
               help="s after which the car stops")

@@ -103,6 +103,9 @@ class Follower(Ending):
                 remedy="repeat the first row of the file as its last",
             )
         self.plant = plant
+        if isinstance(tracker, str) and tracker not in TRACKERS:
+            raise UsageError("no such tracker", found=repr(tracker), expected=", ".join(TRACKERS),
+                             remedy='Follower(..., tracker="lqr")')
         self._make = TRACKERS[tracker] if isinstance(tracker, str) else tracker
         self.cap = cap
         self.clock: Callable[[], float] = lambda: 0.0

@@ -203,6 +203,6 @@ def parse_cell(row: Sequence[str], index: int, name: str, line: int, file: File)
     if not low <= value <= high:
         raise UsageError(f"{file}, line {line}: {name} is no number that a path can have",
                          found=repr(text if text is None else text[:80]),
-                         expected=f"{low:g} to {high:g} m/s" if name in SPEEDS else "m",
-                         read=str(file))
+                         expected=f"{low:g} to {high:g} {'m/s' if name in SPEEDS else 'm'}",
+                         remedy="correct this line, or remove it", read=str(file))
     return value

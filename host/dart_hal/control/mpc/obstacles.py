@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.control.paths import Path
+from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
 # Lateral change per distance along the path: at 2 m/s within the curvature that the car can drive.
@@ -64,6 +65,11 @@ class Obstacle:
     speed: float = 0.0
     t: float = 0.0
     spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.radius >= 0.0:
+            raise UsageError("the radius of an obstacle is no length", found=repr(self.radius),
+                             expected="m, 0 or more", remedy="Obstacle(s, offset, radius=0.15)")
 
 
 @dataclass(frozen=True, slots=True)

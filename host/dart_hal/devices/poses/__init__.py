@@ -61,7 +61,7 @@ def _open(text: str, shared: dict[tuple[str, int], SharedPort]) -> PoseSource:
         if added is not None:
             return added
         raise UsageError(f"{text!r} is not a source of poses", found=parts.scheme or "no scheme://",
-                         expected=", ".join([POSE_URLS, *list_schemes("poses")]))
+                         expected=", ".join([POSE_URLS, "lidar:map.yaml", *list_schemes("poses")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options = dict(pairs)
     known = _OPTIONS[parts.scheme]

@@ -57,8 +57,8 @@ class MapChecks:
                     "lidar that turns more than 8.25 times a second, or one with too little power",
                     remedy="dart-hal doctor")
         if distance < MIN_DRIVE:
-            raise UsageError("the car did not move: one place is no map", found=f"{distance:.2f} m",
-                             expected=f"{MIN_DRIVE:g} m and more")
+            raise UsageError("the car did not move far: one place is no map",
+                             found=f"{distance:.2f} m", expected=f"{MIN_DRIVE:g} m and more")
 
     @property
     def is_sense_unknown(self) -> bool:
