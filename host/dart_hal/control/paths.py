@@ -225,7 +225,7 @@ def check_points(points: Any, closed: bool) -> FloatArray:
     """Return points (n, 2) that can be joined. Raises UsageError as ``Path.through``."""
     xy = np.asarray(points, dtype=float)
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 3:
-        raise UsageError("a path needs three points", found=f"{len(xy)} points" if xy.ndim == 2 else f"an array of shape {xy.shape}",
+        raise UsageError("a path needs three points", found=f"points of shape {xy.shape}",
                          expected="x, y [m] of at least 3 points")
     if not np.isfinite(xy).all():
         k = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
