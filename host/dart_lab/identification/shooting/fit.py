@@ -156,7 +156,7 @@ def fit_jointly(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str
         return found
     if not _needs_effect(problem, found, apply(found.vehicle, BACK_EMF), known):
         return found
-    extended = _fit(problem, apply(base, BACK_EMF), submodels, progress, known)
+    extended = _fit(problem, apply(base, BACK_EMF), submodels, progress, known, found.vehicle)
     without, with_it = (problem.predict(fit.vehicle, fit.vehicle.body.l_r - base.body.l_r)
                         - problem.measured for fit in (found, extended))
     scale = _typical_size(without)
@@ -195,8 +195,12 @@ def _make_space(base: Vehicle, names: tuple[str, ...], known: Mapping[str, float
 
 
 def _fit(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str],
-         progress: Progress | None, known: Mapping[str, float]) -> JointFit:
-    """Fit as ``fit_jointly``, with the effects of the base alone."""
+         progress: Progress | None, known: Mapping[str, float], start: Vehicle | None = None
+         ) -> JointFit:
+    """Fit as ``fit_jointly``, with the effects of the base alone.
+
+    start: the same without an effect that the base has with size 0, fitted before.
+    """
     begin = time.process_time()
     present = flat_names(base)
     results = (*free_names(base, submodels), *(n for n in present if n == BACK_EMF_NAME))
@@ -207,8 +211,12 @@ def _fit(problem: ShootingProblem, base: Vehicle, submodels: Sequence[str],
     first_errors = np.array(FIRST_ERRORS) * [car.speed, car.speed, car.yaw_rate]
     scale = np.broadcast_to(first_errors[:, None], (*problem.measured.shape[:2], 1))
     x = space.first
-    # The valley from 0 is long: start the size of an added effect at its prior standard deviation.
-    x[[i for i, n in enumerate(names) if n == BACK_EMF_NAME and value(base, n) == 0.0]] = 1.0
+    if start is not None:
+        fitted = flat_names(start)
+        x = space.find(np.array([value(start if n in fitted else base, n) for n in names]))
+        scale = _typical_size(work.error(x))
+        # The valley from 0 is long: start the size at its prior standard deviation.
+        x[[i for i, n in enumerate(names) if n not in fitted]] = 1.0
     # 1. Fit, with the scale of the residuals from the pass before.
     for _ in range(MAX_PASSES):
         data = work.solve(x, scale)
