@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import atan, inf, nan, pi
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from dart_hal.car import Car, obstacle_guard
 from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, distance_to_front
 from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Scan
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import RoomMap, polyline
 from dart_lab.sim.truth import world_of
@@ -130,6 +132,20 @@ def test_a_wheel_speed_that_is_doubted_frees_no_way():
     assert "OBSTACLE" in limited
     assert fastest < 0.8
     assert world.truth().v_x < 0.05
+
+
+def test_an_echo_that_the_car_has_reached_still_blocks():
+    """Nearer than the lidar's range there are no new echoes: the last ones count."""
+    with Car.open(f"{ROOM_URL}&seed=1") as car:
+        guard = obstacle_guard.ObstacleGuard(GUARD_DISTANCE, car.files)
+        state = next(iter(car.states()))
+    front = distance_to_front(car.files.config.geometry)
+    bearing = np.linspace(-pi, pi, 360)
+    wall = Scan(0.0, 0.0, 8.0, np.zeros(360), bearing, (front + 0.02) / np.cos(bearing.clip(-1, 1)))
+    reached = replace(state, t=0.2, speed=1.0, scan=wall, accel_x=0.0, yaw_rate=0.0)
+    assert guard.blocks(reached)
+    moved = guard._move_echoes(0.2, 1.0, 0.0)
+    assert guard._free_distance(moved, 0.0) < 0.0
 
 
 def test_backward_throttle_is_passed():

@@ -81,6 +81,7 @@ class ObstacleGuard:
         self._reaction = REACTION_TIME + max(delay.throttle_s + delay.throttle_lag_s, MOTOR_TIME)
         self._blocked = True
         self._scans: deque[Scan] = deque()
+        # (n, 3): time [s], x and y [m] in the car's axes at that time.
         self._echoes: FloatArray = np.zeros((0, 3))
         self._sees = False
 
@@ -120,7 +121,8 @@ class ObstacleGuard:
         self._sees = bool(scans) and shows_the_way(scans)
         echoes = [np.column_stack((one.t, one.in_car())) for one in scans]
         table = np.concatenate([np.zeros((0, 3)), *echoes])
-        self._echoes = table[np.isfinite(table[:, 1])]
+        # What is ahead of the rear axle; False for NaN, a beam without an echo.
+        self._echoes = table[table[:, 1] > 0.0]
 
     def _move_echoes(self, t: float, speed: float, yaw_rate: float) -> FloatArray:
         """Return the echoes (n, 2) [m] in the car's axes at t [s], by a constant motion."""
@@ -134,12 +136,13 @@ class ObstacleGuard:
     def _free_distance(self, points: FloatArray, curvature: float) -> float:
         """Return the distance [m] from the front to the nearest of the points (n, 2) on the path.
 
-        Points within the outline of the car are its own parts.
+        An echo that was behind the front when it was measured is a part of the car, or beside it.
+        One that the car has reached since has a distance below 0.
         """
         along, across = arc_coordinates(points, curvature)
-        ahead = along - self._front
-        on_path = (np.abs(across) < self._half_width) & (ahead > 0.0)
-        return float(np.min(ahead[on_path], initial=inf))
+        was_ahead = arc_coordinates(self._echoes[:, 1:], curvature)[0] > self._front
+        on_path = (np.abs(across) < self._half_width) & was_ahead
+        return float(np.min(along[on_path], initial=inf)) - self._front
 
 
 def shows_the_way(scans: Sequence[Scan]) -> bool:
