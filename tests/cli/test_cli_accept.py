@@ -8,7 +8,7 @@ import signal
 import click
 import pytest
 
-from dart_hal.calibration.acceptance import STEP_NAMES
+from dart_hal.calibration.acceptance import PART_SCATTER, STEP_NAMES, Measurand, agrees
 from dart_lab.cli.accept import AcceptanceOperator
 from dart_lab.sim.world import THROTTLE_CHANNEL, World
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
@@ -61,8 +61,17 @@ def test_all_steps_run_on_an_emulated_car(verb):
     # The emulated car has no oscilloscope for its supply; everything else is predicted.
     assert {k for k, v in values.items() if v["predicted"] is None} == {
         "battery_volts", "nano_volts", "servo_volts"}
-    assert values["clock_error"]["agrees"] is False
+    assert values["clock_error"]["measured"] != pytest.approx(0.0, abs=100.0)
+    # A sound car differs from the nominal one by as much as sound parts do.
+    assert {values[key]["agrees"] for key in PART_SCATTER} == {True}
+    assert values["throttle.signal_loss"]["agrees"] is False
     assert values["frame_rate"]["agrees"] is True
+
+
+@pytest.mark.parametrize(("ppm", "sound"), [(-1400.0, True), (4000.0, True), (-8000.0, False)])
+def test_a_resonator_within_its_tolerance_agrees(ppm, sound):
+    measured = Measurand("clock_error", "clock", ppm, "ppm", 0.1)
+    assert agrees(measured, Measurand("clock_error", "clock", 0.0, "ppm", 1.0)) is sound
 
 
 @pytest.mark.slow

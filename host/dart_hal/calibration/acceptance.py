@@ -63,6 +63,11 @@ REST_AFTER_TURN = 1.0
 # Standard errors, and share of the prediction, by which values that agree may differ.
 AGREEMENT_SIGMAS = 3.0
 AGREEMENT_SHARE = 0.05
+# By how much sound parts differ from the nominal ones of the emulated car, in the value's unit:
+# ceramic resonator +- 0.5 %; zero rate of the BNO055 +- 1 deg/s, its noise up to 0.3 deg/s, each by
+# its data sheet; a board that is screwed on by hand within 3 deg; stamps of 10 ms within 1 %.
+PART_SCATTER = {"clock_error": 5000.0, "gyro_bias": 0.018, "gyro_noise": 0.006,
+                "imu.mount_pitch": 0.053, "imu.mount_roll": 0.053, "stamp_std": 0.1}
 
 
 class Inspector(Workshop, Protocol):
@@ -181,7 +186,8 @@ def agrees(measured: Measurand, predicted: Measurand) -> bool | None:
     if isinstance(value, str) or isinstance(expected, str):
         return value == expected
     # Both values have errors: the standard error of the difference, and a share for tolerances.
-    limit = AGREEMENT_SIGMAS * math.hypot(measured.std or 0.0, predicted.std or 0.0)
+    limit = (AGREEMENT_SIGMAS * math.hypot(measured.std or 0.0, predicted.std or 0.0)
+             + PART_SCATTER.get(measured.key, 0.0))
     return abs(value - expected) <= limit + AGREEMENT_SHARE * abs(expected)
 
 

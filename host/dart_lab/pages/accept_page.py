@@ -66,7 +66,7 @@ class AcceptanceReport:
         compared = [v for v in verdicts if v is not None]
         return (f"{compared.count(True)} of {len(compared)} values are as the emulated "
                 f"car predicts, within {AGREEMENT_SIGMAS:.0f} standard errors and "
-                f"{AGREEMENT_SHARE:.0%}")
+                f"{AGREEMENT_SHARE:.0%}, or as much as sound parts differ")
 
     def first_step(self) -> str:
         """Return what to do first: repeat a step that failed, look at a value, or drive."""
