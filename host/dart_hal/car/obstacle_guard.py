@@ -32,6 +32,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.numbers import is_number
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray, Scan, State
+from dart_hal.devices.lidar.health import MIN_ECHO_SHARE
 from dart_hal.devices.links.base import Backend
 from dart_hal.vehicle.load import vehicle_of
 
@@ -54,13 +55,10 @@ MIN_ARC_SPEED = 0.3
 # s since its last beam after which a scan no longer counts: three revolutions at 8 per second,
 # two at the 5.5 of an RPLidar.
 MAX_SCAN_AGE = 0.4
-# Share of the beams of a scan that have an echo, at least: lidars in a room have 0.9 and more. With
-# 0.1, simulated cars hit a wall at 0.7 m/s: too few beams meet the width of the car.
-MIN_ECHO_SHARE = 0.3
 # rad between two received beams ahead: a wall 1 m away is as wide as the car in 15 degrees.
 MAX_BEAM_GAP = radians(10.0)
-# rad to each side: the directions of the path up to the tightest turn.
-HALF_VIEW = radians(60.0)
+# rad to each side in which beams are required: within the view of a depth camera.
+HALF_VIEW = radians(40.0)
 # 1/m below which an arc is a straight line.
 MIN_CURVATURE = 1e-3
 

@@ -68,3 +68,4 @@ def test_a_lidar_in_the_dark_is_blind_all_around():
     found = health(1, "dropout=1", seconds=1.0)
     assert found.blind == ((-pi, pi),)
     assert found.returned == 0.0
+    assert "only 0 % of the beams have an echo" in " ".join(found.sentences())

@@ -20,6 +20,9 @@ SECTOR_BINS = 72
 MIN_BLIND_WIDTH = radians(10.0)
 # Bins of 1 deg for the comparison of two scans.
 PROFILE_BINS = 360
+# Share of the beams that have an echo, at least: lidars in a room have 0.9 and more. With 0.1,
+# simulated cars hit a wall at 0.7 m/s: too few beams meet the width of the car.
+MIN_ECHO_SHARE = 0.3
 # deg: rotations that are tried between two scans; a scan lasts 0.13 s, in which 5 rad/s is 37 deg.
 SHIFTS_DEG = np.arange(-40, 41)
 # Bins with a distance that a profile needs for a comparison.
@@ -60,6 +63,9 @@ class LidarHealth:
             yield f"it turns {self.rate:.2f} times a second: above 8.25 a sector may be lost"
         if self.lost > 0.01:
             yield f"{100 * self.lost:.0f} % of the beams are lost on the line"
+        if self.returned < MIN_ECHO_SHARE:
+            yield (f"only {100 * self.returned:.0f} % of the beams have an echo: guard_distance "
+                   "frees no way (a dirty window, too little power, or the open)")
         for start, end in self.blind:
             yield (f"nothing comes back from {degrees(start):.0f} to {degrees(end):.0f} deg "
                    "(left positive): a part of the car, glass, or more than 10 m of room")
