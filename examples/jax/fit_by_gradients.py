@@ -27,7 +27,7 @@ WIDTHS = np.array([0.7, 0.7, 0.3, 0.7, 0.7, 0.7])  # prior: of the logarithms; o
 IS_LOG = np.array([True, True, False, True, True, True])
 DT, WINDOW, EVERY, READ = 0.01, 100, 50, np.array([10, 25, 50, 75, 100])  # s; samples
 ERRORS = np.array([0.15, 0.05, 0.4])  # of a first model after a second: m/s, m/s, rad/s
-SLOWEST, ROBUST, ROUNDS = 0.3, 2.0, 10  # m/s; typical errors; Gauss-Newton steps
+SLOWEST, ROBUST, ROUNDS = 0.3, 2.0, 25  # m/s; typical errors; Gauss-Newton steps
 REPEATED = len(READ) * 5.0 / (EVERY * DT)  # read-outs within 5 s count as a single one
 
 
@@ -72,7 +72,7 @@ def fit(base, starts, commands, measured):
     z = np.zeros(len(NAMES))
     for k in range(ROUNDS):
         slopes, error = map(np.asarray, slopes_and_errors(z))
-        if k == ROUNDS // 2:  # from here on the errors count by their own size
+        if k and k % 5 == 0:  # from the sixth step on the errors count by their own size
             scale = 1.4826 * np.median(np.abs(error), axis=2, keepdims=True)
         r = (error / scale).ravel()
         J = (slopes / scale[..., None]).reshape(len(r), -1)

@@ -87,7 +87,7 @@ def test_miscounted_turn_is_refused(tmp_path):
     ("[steering]\ndirection = -1", "2", "to the left gives a yaw rate the other way"),
     ("[imu]\nmount_roll = 3.1416", "2", "to the left gives a yaw rate the other way"),
     ("", "2&fail=imu:off@20s", "no data of the IMU"),
-    ("", "2&fail=esc:wrong@0s", "gives a yaw rate"),
+    ("", "2&fail=esc:wrong@0s", "drives the car backward"),
     ("", "2&fail=enc:off@20s", "encoder does not count"),
     ("", "2&fail=wheel:stuck@20s", "a wheel is blocked"),
     ("", "2&fail=esc:off@20s", "motor does not answer")])

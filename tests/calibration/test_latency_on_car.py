@@ -93,7 +93,7 @@ def test_without_the_wire_the_wait_is_derived_and_reported(tmp_path):
         ("enc:off@0", "encoder does not count"), ("enc:off@24", "encoder does not count"),
         ("wheel:stuck@0", "a wheel is blocked"), ("wheel:stuck@24", "a wheel is blocked"),
         ("esc:off@0", "motor does not answer"), ("esc:off@24", "motor does not answer"),
-        ("esc:wrong@0", "gives a yaw rate"))])
+        ("esc:wrong@0", "drives the car backward"))])
 def test_what_is_wrong_is_named_and_the_pin_is_at_neutral(tmp_path, fail, why):
     watched = Watched(f"{URL}2&fail={fail}", tmp_path)
     with watched.car, pytest.raises(CalibrationFailed, match=why):

@@ -18,7 +18,7 @@ from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 pytestmark = pytest.mark.usefixtures("armed_esc")
 
 SWAPPED_URL = "sim://?seed={seed}&fail=esc:wrong@0"
-DT = 0.01
+SAMPLE_TIME = 0.01
 
 
 class Drive:
@@ -104,12 +104,12 @@ def test_a_calibration_ends_with_the_remedy(calibrate, tmp_path):
 
 def watched(speeds, throttles):
     watch = DirectionWatch()
-    return [watch.update(k * DT, v, u) for k, (v, u) in enumerate(zip(speeds, throttles,
+    return [watch.update(k * SAMPLE_TIME, v, u) for k, (v, u) in enumerate(zip(speeds, throttles,
                                                                       strict=True))]
 
 
 def ramp(begin, end, seconds):
-    steps = round(seconds / DT)
+    steps = round(seconds / SAMPLE_TIME)
     return [begin + (end - begin) * k / steps for k in range(steps)]
 
 

@@ -121,9 +121,9 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
     assert model.mount == pytest.approx(mount, abs=0.005)
 
 
-@pytest.mark.parametrize(("beside", "ended"), [(0.1, ""), (0.5, "the car left the lane")])
-def test_beside_the_lane_a_drive_ends_and_is_no_success(beside, ended):
-    middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.full(30, beside)))
+@pytest.mark.parametrize(("offset", "ended"), [(0.1, ""), (0.5, "the car left the lane")])
+def test_beside_the_lane_a_drive_ends_and_is_no_success(offset, ended):
+    middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.full(30, offset)))
     follower = LaneFollower(plant_by(UPSTREAM_2024), 1.0,
                             find_lane=lambda points, pose: LaneView(middle, 0.4, True, True))
     scan = Scan(0.0, 0.0, 7.0, np.zeros(1), np.zeros(1), np.ones(1))

@@ -173,8 +173,9 @@ def edge_distances(pairs: Sequence[tuple[Sample, State]], metres_per_edge: float
     """
     if not pairs:
         return np.zeros(0), np.zeros(0)
-    (first, begin), (last_sample, end) = pairs[0], pairs[-1]
-    ticked = last_sample.t_dev - first.t_dev
+    first, begin = pairs[0]
+    newest, end = pairs[-1]
+    ticked = newest.t_dev - first.t_dev
     rate = (end.t - begin.t) / ticked if ticked > 0.0 else 1.0
     t = []
     x = []

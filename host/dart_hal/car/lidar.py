@@ -134,7 +134,8 @@ def mounting_covariance(files: CarFiles, yaw: float) -> FloatArray:
     yaw [rad]: of the car. A lidar that is turned by d on the car turns the car by d about itself.
     """
     mount = mount_of(files)
-    c, s = cos(yaw), sin(yaw)
+    c = cos(yaw)
+    s = sin(yaw)
     slopes = np.array([[c, -s, s * mount.x + c * mount.y],
                        [s, c, s * mount.y - c * mount.x],
                        [0.0, 0.0, 1.0]]) * mount_std(files)

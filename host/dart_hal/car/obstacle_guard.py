@@ -128,7 +128,8 @@ class ObstacleGuard:
         dt = t - t_echo
         turned = yaw_rate * dt
         x = x - speed * dt
-        c, s = np.cos(turned), np.sin(turned)
+        c = np.cos(turned)
+        s = np.sin(turned)
         return np.column_stack((c * x + s * y, c * y - s * x))
 
     def _free_distance(self, points: FloatArray, curvature: float) -> float:

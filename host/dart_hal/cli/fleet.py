@@ -101,6 +101,7 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, expect
     silent = sorted(set().union(*(call.silent for call in calls)))
     # A car of several rooms, or two programs with one name, count once; any silence wins.
     answered = sorted(set().union(*(call.confirmed_cars for call in calls)) - set(silent))
+    # A car whose program had died before is not known to the stations: only its number misses it.
     missing = max((expect or 1) - len(answered), 0)
     if as_json:
         print_json({"stopped": answered, "silent": silent, "missing": missing, **ignored})

@@ -133,6 +133,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
     if shortest and half_width is None:
         raise UsageError("--minimum-time needs a lane for the line", expected="--raceline M",
                          remedy=f"dart-hal follow {path} --profile --raceline 0.3 --minimum-time")
+    # Options that would have no effect.
     if room is None and room_key is not None:
         raise UsageError("--room-key needs --room", found=str(room_key),
                          expected="the room that the key is for",

@@ -86,7 +86,7 @@ def test_poses_made_on_board_need_no_marker(monkeypatch):
     assert made == [(), (room.make_axle_marker(UNMEASURED_MOUNT_STD),)]
 
 
-def drive_with_turned_lidar():
+def drive_turned_lidar():
     """Yaw [rad]: error at rest and its standard error; the same after 15 s of driving."""
     backend = open_backend("sim://?nano=mock&lidar=1&map=room&seed=4")
     source = LidarPoses(map_of_lines(room_of_car(backend).lines))
@@ -110,7 +110,7 @@ def yaw_error(backend, state):
 
 @pytest.mark.slow
 def test_the_yaw_of_the_mounting_is_in_the_covariance_and_learnt():
-    (at_rest, rest_std), (driven, driven_std) = drive_with_turned_lidar()
+    (at_rest, rest_std), (driven, driven_std) = drive_turned_lidar()
     assert at_rest > 0.015
     assert at_rest < 2.0 * rest_std
     assert driven < 0.5 * at_rest
@@ -121,7 +121,7 @@ def test_the_yaw_of_the_mounting_is_in_the_covariance_and_learnt():
 @pytest.mark.slow
 def test_control_a_mounting_without_error_is_stated_too_well(monkeypatch):
     monkeypatch.setattr(poses, "mount_std", lambda files: (0.0, 0.0, 0.0))
-    (_, _), (driven, driven_std) = drive_with_turned_lidar()
+    (_, _), (driven, driven_std) = drive_turned_lidar()
     assert driven > 4.0 * driven_std
 
 

@@ -16,12 +16,12 @@ from __future__ import annotations
 import math
 
 # m/s: the direction is known after a change of 0.25 m/s within 0.4 s.
-MIN_RISE = 0.2
+MIN_SPEED_RISE = 0.2
 # m/s2: an old minimum is forgotten, so that a sign that is wrong for a moment at a constant speed
 # is no rise. A motor with a throttle beyond its dead band accelerates the car by 1 m/s2 and more.
 FORGETTING_RATE = 0.25
 # m/s: below this the car has come to rest, and a pulse below neutral is no longer a brake.
-REST_SPEED = 0.05
+MAX_REST_SPEED = 0.05
 
 
 class DirectionWatch:
@@ -46,6 +46,6 @@ class DirectionWatch:
             self._has_rested = False
         self._lowest = min(size, self._lowest + FORGETTING_RATE * max(t - self._t, 0.0))
         self._t = t
-        self._has_rested |= size < REST_SPEED
+        self._has_rested |= size < MAX_REST_SPEED
         against = sign * speed < 0.0 and (sign > 0 or self._has_rested)
-        return against and size > self._lowest + MIN_RISE
+        return against and size > self._lowest + MIN_SPEED_RISE
