@@ -111,6 +111,7 @@ def yaw_error(backend, state):
 @pytest.mark.slow
 def test_the_yaw_of_the_mounting_is_in_the_covariance_and_learnt():
     (at_rest, rest_std), (driven, driven_std) = drive_turned_lidar()
+    print(f"at rest {at_rest:.4f} +- {rest_std:.4f}, driven {driven:.4f} +- {driven_std:.4f} rad")
     assert at_rest > 0.015
     assert at_rest < 2.0 * rest_std
     assert driven < 0.5 * at_rest
