@@ -12,44 +12,48 @@ from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim import car_file
 from dart_lab.sim.truth import world_of
-from dart_lab.sim.world import THROTTLE_CHANNEL
-from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
+from tests.car.pin_witness import Witness
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 
 SWAPPED_URL = "sim://?seed={seed}&fail=esc:wrong@0"
 SAMPLE_TIME = 0.01
+VALID_FOR = 0.2
+"""s for which a command counts, the default of ``drive``."""
 
 
 class Drive:
-    """A drive of 2 s, and one more without commands; ``fastest`` [m/s] and ``rolled`` [m]: true."""
+    """A drive of 2 s, and one more without commands; ``fastest`` [m/s] and ``rolled`` [m]: true.
+
+    Every pulse at the ESC is compared with the mode at its time.
+    """
 
     def __init__(self, url, command):
         backend = open_backend(url)
         world = world_of(backend)
-        self.pulses = []
-        world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL
-                              and self.pulses.append((pulse[1], (pulse[1] - pulse[0]) * 1e6)))
+        self.witness = Witness(world)
         self.fastest = 0.0
         self.causes = ()
         with Car.over(backend) as car:
             car.arm(waive=("CALIBRATION_MISSING",))
             try:
                 for _ in car.states(duration=2.0):
+                    self._record(car)
+                    self.witness.record_command(world.t, world.t + VALID_FOR)
                     command(car)
-                    self.fastest = max(self.fastest, abs(world.truth().v_x))
+                    self._record(car)
             except Disarmed as error:
                 self.causes = error.causes
-            self.tripped_at = world.t
             for state in car.states(duration=1.0):
-                self.fastest = max(self.fastest, abs(world.truth().v_x))
+                self._record(car)
                 assert state.applied.throttle == 0.0 or not self.causes
             self.rolled = abs(world.truth().x)
+        self.witness.check(cutoff="none")
 
-    def moving(self):
-        """Pulses [us] of the ESC's pin away from neutral, from 30 ms after the trip on."""
-        return [us for t, us in self.pulses
-                if t > self.tripped_at + 0.03 and abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
+    def _record(self, car):
+        world = self.witness.world
+        self.witness.record_mode(world.t, car.mode)
+        self.fastest = max(self.fastest, abs(world.truth().v_x))
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, -0.5])
@@ -60,7 +64,6 @@ def test_swapped_leads_end_a_drive_at_a_speed(speed, nano):
     assert drive.causes == ("AGAINST_THROTTLE",)
     assert drive.fastest < 0.8
     assert drive.rolled < 0.4
-    assert not drive.moving()
 
 
 def test_control_without_the_watch_the_car_runs_away(monkeypatch):
@@ -69,6 +72,10 @@ def test_control_without_the_watch_the_car_runs_away(monkeypatch):
                   lambda car: car.drive_speed(steering=0.0, speed=0.5))
     assert drive.causes == ()
     assert drive.fastest > 3.0
+    drive.witness.modes = [(0.0, "DISARMED")]
+    drive.witness._checked = 0
+    with pytest.raises(AssertionError, match="while"):
+        drive.witness.check(cutoff="none")
 
 
 def test_a_constant_throttle_trips_too():
@@ -102,7 +109,7 @@ def test_a_calibration_ends_with_the_remedy(calibrate, tmp_path):
     assert max(speeds) < 0.8
 
 
-def watched(speeds, throttles):
+def run_watch(speeds, throttles):
     watch = DirectionWatch()
     return [watch.update(k * SAMPLE_TIME, v, u) for k, (v, u) in enumerate(zip(speeds, throttles,
                                                                       strict=True))]
@@ -114,21 +121,21 @@ def ramp(begin, end, seconds):
 
 
 def test_speeding_up_backward_under_a_forward_throttle_is_noticed():
-    assert any(watched(ramp(0.0, -0.5, 0.4), [0.3] * 40))
+    assert any(run_watch(ramp(0.0, -0.5, 0.4), [0.3] * 40))
 
 
 def test_a_reversal_is_no_fault():
     """The throttle changes its sign while the car still rolls the other way."""
     speeds = [*ramp(0.0, -1.0, 1.0), *ramp(-1.0, 0.0, 0.5), *ramp(0.0, 1.0, 1.0)]
-    assert not any(watched(speeds, [-0.4] * 100 + [0.4] * 150))
+    assert not any(run_watch(speeds, [-0.4] * 100 + [0.4] * 150))
 
 
 def test_a_brake_downhill_is_no_fault():
     """It brakes as long as the car has not come to rest, however weakly."""
-    assert not any(watched(ramp(1.0, 2.0, 2.0), [-0.1] * 200))
+    assert not any(run_watch(ramp(1.0, 2.0, 2.0), [-0.1] * 200))
 
 
 def test_a_wrong_sign_at_a_constant_speed_is_no_rise():
     """A bump of the floor or a slip of the wheels may exchange the sign for a moment."""
     speeds = [*ramp(0.0, 1.0, 1.0), *[1.0] * 500, *[-1.0] * 50, *[1.0] * 50]
-    assert not any(watched(speeds, [0.3] * 700))
+    assert not any(run_watch(speeds, [0.3] * 700))
