@@ -100,7 +100,7 @@ POOR = ["dropout=1", "dropout=0.9", "gap=6.2", "most=0.3", "lost=0.7"]
 
 
 @pytest.mark.parametrize("lidar", POOR)
-def test_a_lidar_that_shows_too_little_does_not_free_the_way(lidar):
+def test_a_lidar_that_shows_too_little_stops_the_car(lidar):
     poor = Approach(GUARD_DISTANCE, seconds=4.5, throttle=0.3, lidar=lidar)
     assert poor.front > 0.2
     assert "OBSTACLE" in poor.limited
@@ -108,18 +108,18 @@ def test_a_lidar_that_shows_too_little_does_not_free_the_way(lidar):
 
 @pytest.mark.parametrize("lidar", ["dropout=1", "gap=6.2"])
 def test_control_if_any_scan_counted_it_would_hit_the_wall(lidar, monkeypatch):
-    monkeypatch.setattr(obstacle_guard, "shows_the_way", lambda scans: True)
+    monkeypatch.setattr(obstacle_guard, "sees_ahead", lambda scans: True)
     assert Approach(GUARD_DISTANCE, seconds=4.5, throttle=0.3, lidar=lidar).front < 0.1
 
 
-def test_a_lidar_that_loses_some_packets_frees_the_way():
+def test_a_lidar_that_loses_some_packets_lets_the_car_drive():
     lossy = Approach(GUARD_DISTANCE, lidar="lost=0.2")
     assert max(lossy.speeds) > 0.5
     assert GUARD_DISTANCE - 0.1 < lossy.front < GUARD_DISTANCE + 0.6
 
 
-def test_a_wheel_speed_that_is_doubted_frees_no_way():
-    """Of three edges two are lost: the car is three times as fast as its State says."""
+def test_a_wheel_speed_that_is_doubted_stops_the_car():
+    """Of three edges two are lost: the car is three times as fast as its State has it."""
     backend = open_backend(f"{ROOM_URL}&fail=enc:wrong=0.3@0")
     with Car.over(backend, guard_distance=GUARD_DISTANCE) as car:
         car.arm()

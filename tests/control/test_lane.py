@@ -122,7 +122,7 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
 
 
 @pytest.mark.parametrize(("offset", "ended"), [(0.1, ""), (0.5, "the car left the lane")])
-def test_beside_the_lane_a_drive_ends_and_is_no_success(offset, ended):
+def test_outside_the_lane_a_drive_ends_and_is_no_success(offset, ended):
     middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.full(30, offset)))
     follower = LaneFollower(plant_by(UPSTREAM_2024), 1.0,
                             find_lane=lambda points, pose: LaneView(middle, 0.4, True, True))

@@ -55,7 +55,7 @@ MIN_ARC_SPEED = 0.3
 # s since its last beam after which a scan no longer counts: three revolutions at 8 per second,
 # two at the 5.5 of an RPLidar.
 MAX_SCAN_AGE = 0.4
-# rad between two received beams ahead: a wall 1 m away is as wide as the car in 15 degrees.
+# rad between two received beams ahead: 1 m away the car with its margins is 14 degrees wide.
 MAX_BEAM_GAP = radians(10.0)
 # rad to each side in which beams are required: within the view of a depth camera.
 HALF_VIEW = radians(40.0)
@@ -78,15 +78,16 @@ class ObstacleGuard:
         delay = vehicle_of(files.model).delay
         self._reaction = REACTION_TIME + max(delay.throttle_s + delay.throttle_lag_s, MOTOR_TIME)
         self._blocked = True
+        self._newest: Scan | None = None
         self._scans: deque[Scan] = deque()
         # (n, 3): time [s], x and y [m] in the car's axes at that time.
         self._echoes: FloatArray = np.zeros((0, 3))
-        self._sees = False
+        self._sees_ahead = False
 
     def blocks(self, state: State) -> bool:
         """Return whether forward throttle is withheld at this State."""
         self._take_scan(state.scan, state.t)
-        if not self._sees or state.health.speed_doubted:
+        if not self._sees_ahead or state.health.speed_doubted:
             self._blocked = True
             return True
         speed = max(state.speed, 0.0)
@@ -107,16 +108,17 @@ class ObstacleGuard:
     def _take_scan(self, scan: Scan | None, t: float) -> None:
         """Take over a new scan, and forget those that are too old at t [s]."""
         scans = self._scans
-        known = len(scans)
-        is_new = scan is not None and len(scan) > 0 and not any(scan is one for one in scans)
-        if scan is not None and is_new and t - float(scan.t[-1]) <= MAX_SCAN_AGE:
+        is_changed = False
+        if scan is not None and len(scan) > 0 and scan is not self._newest:
+            self._newest = scan
             scans.append(scan)
-            known = -1
+            is_changed = True
         while scans and t - float(scans[0].t[-1]) > MAX_SCAN_AGE:
             scans.popleft()
-        if len(scans) == known:
+            is_changed = True
+        if not is_changed:
             return
-        self._sees = bool(scans) and shows_the_way(scans)
+        self._sees_ahead = bool(scans) and sees_ahead(scans)
         echoes = [np.column_stack((one.t, one.in_car())) for one in scans]
         table = np.concatenate([np.zeros((0, 3)), *echoes])
         # What is ahead of the rear axle; False for NaN, a beam without an echo.
@@ -135,7 +137,7 @@ class ObstacleGuard:
     def _free_distance(self, points: FloatArray, curvature: float) -> float:
         """Return the distance [m] from the front to the nearest of the points (n, 2) on the path.
 
-        An echo that was behind the front when it was measured is a part of the car, or beside it.
+        An echo that was behind the front when it was measured is a part of the car, or at its side.
         One that the car has reached since has a distance below 0.
         """
         along, across = arc_coordinates(points, curvature)
@@ -144,7 +146,7 @@ class ObstacleGuard:
         return float(np.min(along[on_path], initial=inf)) - self._front
 
 
-def shows_the_way(scans: Sequence[Scan]) -> bool:
+def sees_ahead(scans: Sequence[Scan]) -> bool:
     """Return whether enough beams have an echo, and no received beam ahead is far from the next."""
     if np.mean(np.isfinite(np.concatenate([scan.distance for scan in scans]))) < MIN_ECHO_SHARE:
         return False

@@ -65,7 +65,7 @@ class LidarHealth:
             yield f"{100 * self.lost:.0f} % of the beams are lost on the line"
         if self.returned < MIN_ECHO_SHARE:
             yield (f"only {100 * self.returned:.0f} % of the beams have an echo: guard_distance "
-                   "frees no way (a dirty window, too little power, or the open)")
+                   "withholds throttle (a dirty window, too little power, or the open)")
         for start, end in self.blind:
             yield (f"nothing comes back from {degrees(start):.0f} to {degrees(end):.0f} deg "
                    "(left positive): a part of the car, glass, or more than 10 m of room")
