@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.calibration.throttle import calibrate_throttle
 from dart_hal.car import Car
-from dart_hal.core.errors import CalibrationFailed, Disarmed
+from dart_hal.core.errors import BadCommand, CalibrationFailed, Disarmed
 from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim import car_file
@@ -85,6 +87,47 @@ def test_a_constant_throttle_trips_too():
     assert drive.fastest < 1.0
 
 
+def test_pauses_of_the_throttle_hide_nothing():
+    """Each push of 0.2 s is too short for a rise of its own."""
+    count = itertools.count()
+    drive = Drive(SWAPPED_URL.format(seed=3) + "&nano=mock", lambda car: car.drive(
+        steering=0.0, throttle=0.4 if next(count) % 30 < 20 else 0.0))
+    assert drive.causes == ("AGAINST_THROTTLE",)
+    assert drive.fastest < 1.0
+
+
+def command_raw_pulses():
+    """Command a pulse above neutral in ``raw()``; return the greatest true speed and the error."""
+    backend = open_backend(SWAPPED_URL.format(seed=3) + "&nano=mock")
+    world = world_of(backend)
+    fastest = 0.0
+    with Car.over(backend) as car:
+        try:
+            with car.raw():
+                for _ in car.states(duration=1.5):
+                    car.pulses(steering_us=1500.0, throttle_us=1650.0)
+                    fastest = max(fastest, abs(world.truth().v_x))
+        except BadCommand as error:
+            for state in car.states(duration=0.5):
+                assert state.applied.throttle == 0.0
+            return fastest, str(error)
+    return fastest, ""
+
+
+def test_raw_pulses_end_too():
+    fastest, error = command_raw_pulses()
+    assert "AGAINST_THROTTLE" in error
+    assert "leads" in error
+    assert fastest < 1.0
+
+
+def test_control_without_the_watch_raw_pulses_go_on(monkeypatch):
+    monkeypatch.setattr(DirectionWatch, "update", lambda *values: False)
+    fastest, error = command_raw_pulses()
+    assert fastest > 1.5
+    assert error == ""
+
+
 def test_an_imu_turned_round_ends_a_drive(monkeypatch):
     usual = "[imu]\n"
     assert usual in car_file._CAR_TOML
@@ -104,7 +147,7 @@ def test_a_calibration_ends_with_the_remedy(calibrate, tmp_path):
     with Car.over(backend, cars=tmp_path) as car:
         speeds = []
         car.on_state(lambda state: speeds.append(abs(world.truth().v_x)))
-        with pytest.raises(CalibrationFailed, match="leads"):
+        with pytest.raises((BadCommand, CalibrationFailed), match="leads"):
             calibrate(car, backend.workshop)
     assert max(speeds) < 0.8
 
@@ -139,3 +182,20 @@ def test_a_wrong_sign_at_a_constant_speed_is_no_rise():
     """A bump of the floor or a slip of the wheels may exchange the sign for a moment."""
     speeds = [*ramp(0.0, 1.0, 1.0), *[1.0] * 500, *[-1.0] * 50, *[1.0] * 50]
     assert not any(run_watch(speeds, [0.3] * 700))
+
+
+def test_pauses_do_not_end_a_rise():
+    """Of four pushes of 0.15 m/s, the third is enough."""
+    speeds = []
+    throttles = []
+    for k in range(4):
+        speeds += [*ramp(-0.15 * k, -0.15 * (k + 1), 0.1), *[-0.15 * (k + 1)] * 10]
+        throttles += [0.3] * 10 + [0.0] * 10
+    assert run_watch(speeds, throttles).index(True) < 60
+
+
+def test_rolling_down_a_slope_at_neutral_is_no_fault():
+    """A throttle too small to hold it follows, in either direction."""
+    speeds = [*ramp(0.0, -1.0, 1.0), *ramp(-1.0, -0.5, 1.0)]
+    assert not any(run_watch(speeds, [0.0] * 100 + [0.2] * 100))
+    assert not any(run_watch([-v for v in speeds], [0.0] * 100 + [-0.2] * 100))

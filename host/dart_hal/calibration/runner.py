@@ -16,7 +16,6 @@ from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Applied, Doubt, State
-from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.vehicle.sets import PAPER
 
 if TYPE_CHECKING:
@@ -58,7 +57,6 @@ class CalibrationRunner:
                              max_throttle=CALIBRATION_MAX_THROTTLE)
         self._neutral = files.neutral_us
         self._span = files.config.throttle.span_us
-        self._watch = DirectionWatch()
         self._last: float | None = None
         self._frames = iter(car.states())
 
@@ -67,8 +65,8 @@ class CalibrationRunner:
         """Hold a steering pulse and a speed [m/s] (0 = standstill); return the States.
 
         seconds: of the car's clock. throttle_us: constant throttle pulse instead of the speed loop.
-        Raises NoMotion when the speed becomes doubtful, CalibrationFailed if the car speeds up
-        against its throttle, LinkLost and other errors of the Car.
+        Raises NoMotion when the speed becomes doubtful, BadCommand when a trip ended ``raw()``,
+        LinkLost and other errors of the Car.
         """
         states: list[State] = []
         start: float | None = None
@@ -79,9 +77,6 @@ class CalibrationRunner:
             states.append(state)
             if state.health.speed_doubted:
                 raise encoder_doubt(state)
-            if self._watch.update(state.t, state.speed, state.applied.throttle):
-                raise backward_error(f"{state.speed:+.2f} m/s at a throttle of "
-                                     f"{state.applied.throttle:+.2f}")
             throttle = self._law.throttle(speed, state.speed, dt)
             pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
             self._car.pulses(steering_us=steering_us, throttle_us=pulse)

@@ -34,6 +34,7 @@ from dart_hal.devices.actuation.arming import WAIVABLE
 from dart_hal.devices.actuation.direction_watch import DirectionWatch
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.actuation.supervisor import TRANSIENT_REFUSALS
+from dart_hal.devices.actuation.trips import describe_trips, list_remedies
 from dart_hal.devices.links.base import Backend
 
 # Cause of a trip during ARMING, and the reason that is reported for the refusal.
@@ -211,9 +212,10 @@ class Driver:
             self._neutral_watch.restart()
 
     def _watch_direction(self, state: State, now: float) -> None:
-        """Trip if the car speeds up against its throttle. A calibration has its own watch."""
+        """Trip if the car speeds up against its throttle, with its wheels on the ground."""
         against = self._direction_watch.update(state.t, state.speed, state.applied.throttle)
-        if against and self.mode is ArmState.ARMED and not state.health.speed_doubted:
+        driven = self.mode in (ArmState.ARMED, ArmState.RAW) and not self.supervisor.lifted
+        if against and driven and not state.health.speed_doubted:
             self._step(now, ["AGAINST_THROTTLE"], ())
             self.actuator.stop_at_once()
 
@@ -384,10 +386,11 @@ class Driver:
                    now: float) -> Applied:
         """Write pulses in RAW. Raises BadCommand in any other state."""
         if self.mode is not ArmState.RAW:
-            causes = ", ".join(self.supervisor.causes)
+            causes = self.supervisor.causes
             raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
-                             + (f" since {causes}" if causes else ""),
-                             remedy="with car.raw(): car.pulses(...)")
+                             + (f" since {describe_trips(causes)}" if causes else ""),
+                             remedy="\n".join([*list_remedies(causes),
+                                               "with car.raw(): car.pulses(...)"]))
         self.supervisor.note_raw_call(now)
         return self.actuator.pulses(steering_us, throttle_us, now, valid_for)
 

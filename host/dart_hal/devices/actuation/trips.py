@@ -42,14 +42,22 @@ TRIPS: dict[str, tuple[str, str]] = {
 }
 
 
-def disarmed_error(causes: Iterable[str], stop_reason: str = "") -> Disarmed:
-    """Return the error for a command after a trip; stop_reason: text of a RUN_STOP."""
-    names = tuple(causes)
-    remedies = [TRIPS[name][1] for name in names if name in TRIPS]
+def describe_trips(causes: Iterable[str], stop_reason: str = "") -> str:
+    """Return a line per cause of a trip, with what happened; stop_reason: text of a RUN_STOP."""
     texts = {name: text for name, (text, _) in TRIPS.items()}
     if stop_reason:
         texts["RUN_STOP"] = stop_reason
-    found = "\n".join(f"{name}: {texts[name]}" if name in texts else name for name in names)
+    return "\n".join(f"{name}: {texts[name]}" if name in texts else name for name in causes)
+
+
+def list_remedies(causes: Iterable[str]) -> list[str]:
+    """Return what to do about each cause of a trip."""
+    return [TRIPS[name][1] for name in causes if name in TRIPS]
+
+
+def disarmed_error(causes: Iterable[str], stop_reason: str = "") -> Disarmed:
+    """Return the error for a command after a trip; stop_reason: text of a RUN_STOP."""
+    names = tuple(causes)
     return Disarmed("the car was disarmed by a trip and the program goes on commanding it",
-                    causes=names, found=found,
-                    remedy="\n".join([*remedies, "then car.arm() again"]))
+                    causes=names, found=describe_trips(names, stop_reason),
+                    remedy="\n".join([*list_remedies(names), "then car.arm() again"]))
