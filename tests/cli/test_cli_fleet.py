@@ -138,6 +138,16 @@ def test_an_empty_room_is_an_answer(capsys, monkeypatch):
     assert (code, result) == (1, {"cars": []})
 
 
+@pytest.mark.slow
+def test_a_stop_in_an_empty_room_misses_no_number(capsys):
+    """It fails because nothing was stopped; without ``--expect`` no car is counted as missing."""
+    room = ["--room", f"udp://:{free_port()}?to=127.0.0.1:9", "--json"]
+    assert run_verb(capsys, "fleet", "stop", *room) == (
+        1, {"stopped": [], "silent": [], "missing": 0})
+    assert run_verb(capsys, "fleet", "stop", "--expect", "2", *room) == (
+        1, {"stopped": [], "silent": [], "missing": 2})
+
+
 @pytest.mark.skipif(find_spec("zeroconf") is not None, reason="zeroconf is installed")
 def test_without_zeroconf_a_room_must_be_named(capsys, monkeypatch):
     monkeypatch.delenv("DART_HAL_ROOM", raising=False)

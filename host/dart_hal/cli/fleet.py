@@ -102,7 +102,7 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, expect
     # A car of several rooms, or two programs with one name, count once; any silence wins.
     answered = sorted(set().union(*(call.confirmed_cars for call in calls)) - set(silent))
     # A car whose program had died before is not known to the stations: only its number misses it.
-    missing = max((expect or 1) - len(answered), 0)
+    missing = max((expect or 0) - len(answered), 0)
     if as_json:
         print_json({"stopped": answered, "silent": silent, "missing": missing, **ignored})
     else:
@@ -110,9 +110,9 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, expect
                    else "no car answered: nothing was stopped")
         if silent:
             print_line(f"no answer: {', '.join(silent)}")
-        if expect and missing:
+        if missing:
             print_line(f"{missing} of {expect} cars did not answer")
-    return 0 if not missing and not silent else 1
+    return 0 if answered and not missing and not silent else 1
 
 
 @command.command("watch")
