@@ -82,7 +82,7 @@ def test_every_error_has_a_code_a_sentence_and_a_remedy(code):
     assert error.remedy
     assert f"error {code}: something happened" in str(error)
     assert "try" in str(error)
-    assert set(error.as_json()) == {"code", "what", "found", "try"}
+    assert set(error.as_json()) == {"code", "what", "found", "expected", "likely", "try", "read"}
     builtin = [b for b in cls.__mro__ if b.__module__ == "builtins"]
     assert builtin[0] is not Exception, "it also inherits the builtin that a caller expects"
 

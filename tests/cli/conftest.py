@@ -33,7 +33,7 @@ class Ran:
         assert self.code == 2, self.err
         assert set(self.json) == {"error"}
         error = self.json["error"]
-        assert set(error) == {"code", "what", "found", "try"}
+        assert set(error) == {"code", "what", "found", "expected", "likely", "try", "read"}
         assert error["code"].startswith("D-")
         assert error["what"]
         assert error["try"]

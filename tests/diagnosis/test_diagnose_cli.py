@@ -186,7 +186,7 @@ def test_bad_input_ends_with_2_and_a_reason(words, message, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")
     assert code == 2
     assert set(answer) == {"error"}
-    assert set(answer["error"]) == {"code", "what", "found", "try"}
+    assert set(answer["error"]) == {"code", "what", "found", "expected", "likely", "try", "read"}
     assert message in err
 
 

@@ -168,7 +168,7 @@ def test_usage_and_input_errors(run, words, what):
     status, document, _ = run(*words, "--json")
     assert status == 2
     assert set(document) == {"error"}
-    assert set(document["error"]) == {"code", "what", "found", "try"}
+    assert set(document["error"]) == {"code", "what", "found", "expected", "likely", "try", "read"}
     assert what in json.dumps(document)
 
 

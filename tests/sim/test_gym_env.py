@@ -206,6 +206,8 @@ def test_refusals():
     for bad in (lambda: make(task="drift"), lambda: make(colour="red"), lambda: make(track="ovel"),
                 lambda: make(light=LightConfig(sensors=None)), lambda: make(vehicle="papre"),
                 lambda: make(randomise={"body.l_f": 0.1}), lambda: make(randomise={"mass": 0.1}),
+                lambda: make(randomise={"body.mass": "a"}), lambda: make(randomise="all"),
+                lambda: make(speed="fast"), lambda: make(period=None), lambda: make(beams=3.5),
                 lambda: env.reset(options={"rain": 1}),
                 lambda: env.reset(options={"randomise": {"body.mass": 1.5}})):
         with pytest.raises(UsageError):

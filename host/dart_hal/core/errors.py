@@ -33,15 +33,17 @@ class DartHalError(Exception):
 
     def __str__(self) -> str:
         lines = [f"error {self.code}: {self.what}"]
-        pairs = (("found", self.found), ("expected", self.expected), ("likely", self.likely),
-                 ("try", self.remedy), ("read", self.read))
         lines += [f"  {name:<8} : {text}".replace("\n", "\n" + " " * 13)
-                  for name, text in pairs if text]
+                  for name, text in self._parts().items() if text]
         return "\n".join(lines)
 
     def as_json(self) -> dict[str, str]:
         """Return the object that every verb prints under "error" with ``--json``."""
-        return {"code": self.code, "what": self.what, "found": self.found, "try": self.remedy}
+        return {"code": self.code, "what": self.what, **self._parts()}
+
+    def _parts(self) -> dict[str, str]:
+        return {"found": self.found, "expected": self.expected, "likely": self.likely,
+                "try": self.remedy, "read": self.read}
 
 
 class UnknownScheme(DartHalError, ValueError):

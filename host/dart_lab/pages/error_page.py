@@ -9,7 +9,8 @@ from dart_hal.core.errors import CATALOGUE
 ERRORS_HEAD = """# Errors
 
 Every error names what happened, what was found, the likely cause, and the remedy. With `--json` a
-verb prints it as `{"error": {"code", "what", "found", "try"}}` and exits with 2. The classes live
+verb prints it as `{"error": {"code", "what", "found", "expected", "likely", "try", "read"}}` and exits with 2. The
+classes live
 in `dart_hal.core.errors`; each also inherits the builtin that a caller would expect. This page is
 generated from them (`dart-hal wire --write`).
 

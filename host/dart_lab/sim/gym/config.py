@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dart_hal.control import paths
 from dart_hal.core.errors import UsageError
+from dart_hal.core.numbers import is_number
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.flat import names, value, with_values
 from dart_lab.sim.light.car import DEFAULT
@@ -68,6 +69,14 @@ class GymConfig:
     opponents: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("period", "episode", "speed", "half_width", "range_noise", "beams",
+                     "opponents"):
+            given = getattr(self, name)
+            whole = name in ("beams", "opponents")
+            if not is_number(given) or (whole and given != int(given)):
+                raise UsageError(f"{name} of the environment is no number", found=repr(given),
+                                 expected="a whole number" if whole else "a number",
+                                 remedy="docs/how_to/learning.md has every keyword")
         if not 0.0 < self.period < math.inf:
             raise UsageError("the period of the environment is not positive",
                              found=f"{self.period} s", expected="more than 0 s",
@@ -112,10 +121,14 @@ def check_spread(randomise: bool | Mapping[str, float], p: Vehicle) -> dict[str,
     """
     if randomise is True:
         randomise = {k: v for k, v in SPREAD.items() if k in names(p)}
+    if randomise and not isinstance(randomise, Mapping):
+        raise UsageError("randomise names no parameters", found=repr(randomise),
+                         expected="True, or half widths by name: {'body.mass': 0.1}",
+                         remedy="docs/how_to/learning.md, DartCar-v0: randomise")
     spread = dict(randomise or {})
     for name, half in spread.items():
-        if name in NOT_DRAWN or not 0.0 <= half < 1.0:
-            raise UsageError(f"{name} cannot be drawn within +-{half}",
+        if name in NOT_DRAWN or not is_number(half) or not 0.0 <= half < 1.0:
+            raise UsageError(f"{name} cannot be drawn within +-{half!r}",
                              expected="a share of 0 to 1, of a parameter other than "
                                       + ", ".join(NOT_DRAWN),
                              remedy="docs/how_to/learning.md, DartCar-v0: randomise")
