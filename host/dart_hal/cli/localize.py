@@ -32,6 +32,7 @@ from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import FloatArray, Pose
 from dart_hal.devices.links.base import Backend
+from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.localiser import Located
 from dart_hal.estimation.localisation.source import LidarPoses, parse_start
 
@@ -145,6 +146,7 @@ def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFi
         "mirrored": bool(last and last.mirrored),
         "pose": last and last.pose and _pose_json(last.pose, files),
         "counts": dict(Counter(str(located.status) for located in poses))}
+    found["why"] = "" if found["pose"] else _explain_missing_pose(found)
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)
              if located.pose is not None] if truth is not None else []
     if pairs:
@@ -167,9 +169,8 @@ def format_summary(found: dict[str, Any]) -> str:
     """Return the figures of the localisation as one sentence."""
     ended = f"ended: {found['ended']}; " if found["ended"] else ""
     if found["pose"] is None:
-        why = ("; the scans turn against the gyro: check inverted in [lidar]" if found["mirrored"]
-               else "")
-        return f"{ended}{found['status']}: no pose after {found['scans']} scans{why}"
+        return (f"{ended}{found['status']}: no pose after {found['scans']} scans; "
+                + found["why"])
     pose = found["pose"]
     std = np.sqrt(np.diag(np.array(pose["cov"])))
     text = (f"{ended}{found['status']}: x {pose['x']:.3f} m, y {pose['y']:.3f} m, "
@@ -182,3 +183,14 @@ def format_summary(found: dict[str, Any]) -> str:
                  "cm "
                  f"at most, {degrees(error['yaw_rms_rad']):.2f} deg rms")
     return text
+
+
+def _explain_missing_pose(found: dict[str, Any]) -> str:
+    if not found["scans"]:
+        return "check the lidar: dart-hal doctor"
+    if found["mirrored"]:
+        return "the scans turn against the gyro: check inverted in [lidar]"
+    if found["status"] == Status.AMBIGUOUS:
+        return "the room looks the same from several places of the map: state --start X,Y,YAW"
+    return (f"the map explains {100.0 * found['agreement']:.0f} % of the last scan; check that it "
+            "is of this room, and the mounting in [lidar]")

@@ -9,9 +9,9 @@ from dart_hal.core.errors import CATALOGUE
 ERRORS_HEAD = """# Errors
 
 Every error names what happened, what was found, the likely cause, and the remedy. With `--json` a
-verb prints it as `{"error": {"code", "what", "found", "expected", "likely", "try", "read"}}` and exits with 2. The
-classes live
-in `dart_hal.core.errors`; each also inherits the builtin that a caller would expect. This page is
+verb exits with 2 and prints it as
+`{"error": {"code", "what", "found", "expected", "likely", "try", "read"}}`. The classes live in
+`dart_hal.core.errors`; each also inherits the builtin that a caller would expect. This page is
 generated from them (`dart-hal wire --write`).
 
 | code | class | what it means | likely | try |

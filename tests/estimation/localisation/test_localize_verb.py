@@ -70,3 +70,13 @@ def test_a_bare_rectangle_is_reported_and_exits_1(capsys, tmp_path):
     assert code == 1
     assert found["status"] == "AMBIGUOUS"
     assert found["pose"] is None
+    assert "--start" in found["why"]
+
+
+@pytest.mark.slow
+def test_a_map_of_another_room_is_doubted(capsys, tmp_path):
+    chart = ros_map(tmp_path, box(1.5, 1.25, 0.0, 3.0, 2.5), 0.05)
+    code, found = run_verb(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room", "--map",
+                           chart, "--duration", 0.6, "--json")
+    assert (code, found["status"]) == (1, "LOST")
+    assert "of the last scan" in found["why"]
