@@ -282,6 +282,12 @@ def test_laps_of_an_open_path():
     assert "4.00 m between its ends" in refused.value.found
 
 
+def test_a_path_shorter_than_the_car_is_refused():
+    with pytest.raises(UsageError, match="shorter than the car") as refused:
+        Follower(Path([(0.03, 0.0)], closed=False), PLANT, 1.0)
+    assert "not in m" in refused.value.likely
+
+
 def observe_phases(start, path=LONG, cap=1.0):
     """The follower of a drive from ``start`` and its phase at each call."""
     phases = []

@@ -170,7 +170,7 @@ def format_summary(found: dict[str, Any]) -> str:
     ended = f"ended: {found['ended']}; " if found["ended"] else ""
     if found["pose"] is None:
         return (f"{ended}{found['status']}: no pose after {found['scans']} scans; "
-                + found["why"])
+                f"{found['why']}")
     pose = found["pose"]
     std = np.sqrt(np.diag(np.array(pose["cov"])))
     text = (f"{ended}{found['status']}: x {pose['x']:.3f} m, y {pose['y']:.3f} m, "

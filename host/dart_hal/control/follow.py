@@ -90,8 +90,8 @@ class Follower(Ending):
                  tracker: str | Callable[[Path, Plant], Tracker] = "lqr",
                  rules: Rules | None = None, most: float = DEFAULT_MAX_SPEED) -> None:
         """tracker: one of ``TRACKERS``, or a function that makes one; most [m/s]: limit of the
-        profile, in addition to the cap. Raises UsageError as ``speed_profile``, and for laps of an
-        open path.
+        profile, in addition to the cap. Raises UsageError as ``speed_profile``, for laps of an
+        open path, and for a path shorter than the wheelbase.
         """
         super().__init__()
         self.rules = rules or Rules()
@@ -102,6 +102,11 @@ class Follower(Ending):
                 expected="--laps 1",
                 remedy="repeat the first row of the file as its last",
             )
+        wheelbase = plant.vehicle.body.wheelbase
+        if path.length < wheelbase:
+            raise UsageError("the path is shorter than the car", found=f"{path.length:.3f} m",
+                             expected=f"more than its wheelbase of {wheelbase:.3f} m",
+                             likely="its coordinates are not in m")
         self.plant = plant
         if isinstance(tracker, str) and tracker not in TRACKERS:
             raise UsageError("no such tracker", found=repr(tracker), expected=", ".join(TRACKERS),
