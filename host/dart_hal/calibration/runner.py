@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.errors import BadCommand, CalibrationFailed
 from dart_hal.core.types import Applied, Doubt, State
 from dart_hal.vehicle.sets import PAPER
 
@@ -65,8 +65,9 @@ class CalibrationRunner:
         """Hold a steering pulse and a speed [m/s] (0 = standstill); return the States.
 
         seconds: of the car's clock. throttle_us: constant throttle pulse instead of the speed loop.
-        Raises NoMotion when the speed becomes doubtful, BadCommand when a trip ended ``raw()``,
-        LinkLost and other errors of the Car.
+        Raises NoMotion when the speed becomes doubtful, CalibrationFailed if the car speeds up
+        against its throttle, BadCommand when another trip ended ``raw()``, LinkLost and other
+        errors of the Car.
         """
         states: list[State] = []
         start: float | None = None
@@ -79,7 +80,12 @@ class CalibrationRunner:
                 raise encoder_doubt(state)
             throttle = self._law.throttle(speed, state.speed, dt)
             pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
-            self._car.pulses(steering_us=steering_us, throttle_us=pulse)
+            try:
+                self._car.pulses(steering_us=steering_us, throttle_us=pulse)
+            except BadCommand as error:
+                if "AGAINST_THROTTLE" in error.causes:
+                    raise backward_error(f"{state.speed:+.2f} m/s, faster and faster") from error
+                raise
             if state.t - start >= seconds:
                 break
         return states

@@ -387,10 +387,12 @@ class Driver:
         """Write pulses in RAW. Raises BadCommand in any other state."""
         if self.mode is not ArmState.RAW:
             causes = self.supervisor.causes
-            raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
-                             + (f" since {describe_trips(causes)}" if causes else ""),
-                             remedy="\n".join([*list_remedies(causes),
-                                               "with car.raw(): car.pulses(...)"]))
+            error = BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
+                               + (f" since {describe_trips(causes)}" if causes else ""),
+                               remedy="\n".join([*list_remedies(causes),
+                                                 "with car.raw(): car.pulses(...)"]))
+            error.causes = causes
+            raise error
         self.supervisor.note_raw_call(now)
         return self.actuator.pulses(steering_us, throttle_us, now, valid_for)
 

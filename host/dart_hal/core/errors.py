@@ -185,10 +185,14 @@ class BatteryUnmeasured(DartHalError, OSError):
 
 
 class BadCommand(DartHalError, ValueError):
-    """A command is not a finite number; the car is set to neutral."""
+    """A command is not a finite number; the car is set to neutral.
+
+    causes: of ``pulses()`` only, names of the causes of the trip that ended ``raw()``.
+    """
 
     code = "D-CMD-01"
     remedy_default = "check the controller's output before drive()"
+    causes: tuple[str, ...] = ()
 
 
 class NotArmed(DartHalError, RuntimeError):
