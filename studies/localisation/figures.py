@@ -17,10 +17,12 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.estimation.localisation.belief import start_belief
+from dart_hal.estimation.localisation.field import NODE_SPACING, map_of_grid, map_of_lines
+from dart_hal.estimation.localisation.grid import lines_of_grid
 from dart_hal.estimation.localisation.health import Status, TrackJudge
 from dart_hal.estimation.localisation.localiser import MIN_PROOF_SCANS, Localiser
 from dart_hal.estimation.localisation.search import search
-from studies.localisation.world import Drive, Hidden, Result, drive, hidden, run
+from studies.localisation.world import Drive, Hidden, Result, draw_in_cells, drive, hidden, run
 
 ROWS: dict[str, dict[str, float]] = {
     "0.5 m/s": {"speed": 0.5}, "1 m/s": {}, "2 m/s": {"speed": 2.0},
@@ -63,6 +65,19 @@ def row(name: str, results: list[Result]) -> None:
 def track(first: int, seeds: int) -> None:
     for name, fixed in ROWS.items():
         row(name, [run(d, late=h.late) for _, h, d in drives(first, seeds, **fixed)])
+
+
+def cells(first: int, seeds: int) -> None:
+    """On maps in cells, at 1 m/s for 20 s, by the middles and by the outlines of the cells."""
+    for cell in (0.01, 0.02, 0.05):
+        by_middles, by_outlines = [], []
+        for seed, h, d in drives(first, seeds, seconds=20.0):
+            grid = draw_in_cells(d.room.lines, cell, np.random.default_rng([seed, 33]))
+            outlines = map_of_lines(lines_of_grid(grid), min(NODE_SPACING, cell))
+            by_middles.append(run(replace(d, chart=map_of_grid(grid)), late=h.late))
+            by_outlines.append(run(replace(d, chart=outlines), late=h.late))
+        row(f"cells of {100 * cell:g} cm, their middles", by_middles)
+        row(f"cells of {100 * cell:g} cm, outlines", by_outlines)
 
 
 def control(first: int, seeds: int) -> None:
@@ -223,8 +238,8 @@ def kidnapped(d: Drive) -> Drive:
     return Drive(d.chart, d.room, d.t[:cut + length], truth, told, first + moved, accel, d.lines)
 
 
-ALL = {"track": track, "control": control, "cpu": cpu, "flags": flags, "starts": starts,
-       "whole": whole}
+ALL = {"track": track, "cells": cells, "control": control, "cpu": cpu, "flags": flags,
+       "starts": starts, "whole": whole}
 
 
 def main() -> None:

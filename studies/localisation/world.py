@@ -12,8 +12,10 @@ from math import isfinite
 
 import numpy as np
 
+from dart_hal.car.lidar import list_map_errors
 from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.estimation.localisation.field import Map, map_of_lines
+from dart_hal.estimation.localisation.grid import Grid
 from dart_hal.estimation.localisation.localiser import Localiser, Located
 from dart_hal.estimation.localisation.rays import LineIndex, fastest_cast
 from dart_lab.sim.lidar.maps import RoomMap, box, clearance, room_of
@@ -232,11 +234,31 @@ class Result:
     localiser: Localiser
 
 
+def draw_in_cells(lines: FloatArray, cell: float, rng: np.random.Generator) -> Grid:
+    """Return a grid whose cells [m] are occupied where lines (m, 4) [m] pass.
+
+    Its origin is at any place of a cell.
+    """
+    ends = lines.reshape(-1, 2)
+    low = ends.min(axis=0) - 0.2 - rng.uniform(0.0, cell, 2)
+    columns, rows = np.ceil((ends.max(axis=0) + 0.2 - low) / cell).astype(int)
+    occupied = np.zeros((rows, columns), bool)
+    for line in lines:
+        steps = int(np.hypot(*(line[2:] - line[:2])) / (0.2 * cell)) + 2
+        column, row = ((np.linspace(line[:2], line[2:], steps) - low) / cell).astype(int).T
+        occupied[row, column] = True
+    return Grid(occupied, ~occupied, cell, low)
+
+
 def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 0.010,
         localiser: Localiser | None = None, until_lost: bool = False) -> Result:
-    """Let a localiser follow a drive; poses are compared at the time that they are told for."""
+    """Let a localiser follow a drive; poses are compared at the time that they are told for.
+
+    The covariance contains the errors of the map.
+    """
     start = tuple(found.true(float(found.scans[0].t[-1]) - late).tolist())
     local = localiser or Localiser(found.chart, start if known else None, deskew=deskew)
+    by_map = np.diag(np.square(list_map_errors(local.chart.std)))
     rows, told, k = [], [], 0
     for scan in found.scans:
         while k < len(found.t) and found.t[k] <= scan.arrival:
@@ -251,6 +273,6 @@ def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 
         off = np.array((seen.pose.x, seen.pose.y, seen.pose.yaw)) - true
         off[2] = (off[2] + np.pi) % (2 * np.pi) - np.pi
         rows.append((seen.t, np.hypot(off[0], off[1]), off[2],
-                     off @ np.linalg.solve(seen.pose.cov, off) / 3.0))
+                     off @ np.linalg.solve(seen.pose.cov + by_map, off) / 3.0))
     table = np.array(rows).reshape(-1, 4)
     return Result(*table.T, told, local)

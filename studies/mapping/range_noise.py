@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.car.lidar import list_map_errors
 from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.estimation.localisation.field import map_of_grid, map_of_lines
 from dart_hal.estimation.localisation.localiser import Localiser
@@ -158,6 +159,7 @@ def localise(chart, drive: Drive, placed: Placed) -> FloatArray:
     x, y, yaw = drive.true(float(drive.scans[0].t[-1]) - 0.012)
     start = placed.survey(np.array([[x, y]]))[0]
     localiser = Localiser(chart, (*start.tolist(), yaw - placed.by.turn))
+    by_map = np.diag(np.square(list_map_errors(chart.std)))
     rows = []
     k = 0
     for scan in drive.scans:
@@ -172,7 +174,7 @@ def localise(chart, drive: Drive, placed: Placed) -> FloatArray:
         off = np.array((result.pose.x, result.pose.y, result.pose.yaw)) - here
         off[2] = (off[2] + np.pi) % (2.0 * np.pi) - np.pi
         rows.append((np.hypot(off[0], off[1]), off[2],
-                     off @ np.linalg.solve(result.pose.cov, off) / 3.0))
+                     off @ np.linalg.solve(result.pose.cov + by_map, off) / 3.0))
     return np.array(rows).reshape(-1, 3)
 
 

@@ -30,6 +30,8 @@ DEFAULT_MOUNT_X = 0.13
 # m, m, rad: standard error of a mounting that was not measured: play of the screws in their holes,
 # and of the housing on its plate.
 UNMEASURED_MOUNT_STD = (0.003, 0.003, 0.03)
+# m: half of a small room. Errors of walls this far on both sides turn the car.
+WALL_DISTANCE = 2.0
 
 
 class CarLidar:
@@ -126,6 +128,14 @@ def mount_std(files: CarFiles) -> tuple[float, float, float]:
     x, y, yaw = (m.std if m else usual for m, usual in zip(
         (table.mount_x, table.mount_y, table.mount_yaw), UNMEASURED_MOUNT_STD, strict=True))
     return x, y, yaw
+
+
+def list_map_errors(map_std: float) -> tuple[float, float, float]:
+    """Return the standard errors of x, y [m] and yaw [rad] of a pose by errors of its map.
+
+    map_std [m]: of the places of its walls. They persist while the car sees the same walls.
+    """
+    return map_std, map_std, map_std / WALL_DISTANCE
 
 
 def mounting_covariance(files: CarFiles, yaw: float) -> FloatArray:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dart_hal.car.lidar import CarLidar, mount_std
+from dart_hal.car.lidar import CarLidar, list_map_errors, mount_std
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
@@ -62,7 +62,8 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> External
     from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator, make_axle_marker
 
     if source.on_board:
-        return ExternalPoseEstimator(odometry, make_axle_marker(mount_std(files)), own_clock=True)
+        return ExternalPoseEstimator(odometry, make_axle_marker(mount_std(files)), own_clock=True,
+                                     map_errors=list_map_errors(getattr(source, "map_std", 0.0)))
     table = files.calibration.mocap if files.calibration else None
     if table is None:
         return ExternalPoseEstimator(odometry)

@@ -117,6 +117,7 @@ class ReplayPoses:
         self.name = f"the poses in {recording.path}"
         self._poses = deque(poses)
         self.on_board = bool(self._poses) and self._poses[0].frame == FRAME
+        self.map_std = float(recording.meta.get("map_std", "0.0"))
 
     def poll(self, now: float) -> list[ExternalPose]:
         """Return the poses that have arrived by ``now`` [s]."""

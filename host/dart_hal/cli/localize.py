@@ -12,7 +12,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.car.car import open_url
-from dart_hal.car.lidar import mounting_covariance
+from dart_hal.car.lidar import list_map_errors, mounting_covariance
 from dart_hal.cli.common.localize_picture import draw_localization
 from dart_hal.cli.common.options import (
     FiniteNumber,
@@ -83,7 +83,8 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
         show_sensor_errors(car)
     # Only the room of the simulation has a true pose; a map of --map is in a frame of its own.
     truth = _true_path(backend, poses) if chart is None else None
-    found = {**summarise_poses(poses, truth, car.files), "ended": ended and ended.why}
+    found = {**summarise_poses(poses, truth, car.files, source.map_std),
+             "ended": ended and ended.why}
     if plot:
         found["files"] = {"plot": str(draw_localization(source.chart, poses, truth, plot))}
     if as_json:
@@ -132,19 +133,19 @@ def _true_path(backend: Backend, poses: list[Located]) -> FloatArray | None:
     return load_simulator().true_path(backend, np.array([located.t for located in poses]))
 
 
-def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFiles
-                    ) -> dict[str, Any]:
+def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFiles,
+                    map_std: float) -> dict[str, Any]:
     """Return the figures of the localisation.
 
     poses: one for each scan. truth (n, 3): the true pose at each scan, None if not known. files:
-    those of the car, with the mounting of the lidar.
+    those of the car, with the mounting of the lidar. map_std [m]: of the walls of the map.
     """
     last = poses[-1] if poses else None
     found: dict[str, Any] = {
         "status": str(last.status) if last else "LOST", "scans": len(poses),
         "agreement": last.agreement if last else None,
         "mirrored": bool(last and last.mirrored),
-        "pose": last and last.pose and _pose_json(last.pose, files),
+        "pose": last and last.pose and _pose_json(last.pose, files, map_std),
         "counts": dict(Counter(str(located.status) for located in poses))}
     found["why"] = "" if found["pose"] else _explain_missing_pose(found)
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)
@@ -160,8 +161,9 @@ def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFi
     return found
 
 
-def _pose_json(pose: Pose, files: CarFiles) -> dict[str, Any]:
-    covariance = pose.cov + mounting_covariance(files, pose.yaw)
+def _pose_json(pose: Pose, files: CarFiles, map_std: float) -> dict[str, Any]:
+    by_map = np.diag(np.square(list_map_errors(map_std)))
+    covariance = pose.cov + mounting_covariance(files, pose.yaw) + by_map
     return {"x": pose.x, "y": pose.y, "yaw": remainder(pose.yaw, tau), "cov": covariance.tolist()}
 
 

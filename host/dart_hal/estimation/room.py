@@ -11,6 +11,8 @@ from dataclasses import replace
 from math import cos, hypot, sin
 from typing import NamedTuple
 
+import numpy as np
+
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import External, ExternalPose, Pose
 from dart_hal.estimation.odometry import MotionStep, Odometry
@@ -67,12 +69,16 @@ class ExternalPoseEstimator:
     """One per open car with a source: ``update`` for each State, ``add`` for each pose.
 
     odometry: that of the car, for its knowledge of the sensors at the start; own_clock: stamps
-    are on the clock of the car.
+    are on the clock of the car. map_errors: standard errors of x, y [m] and yaw [rad] in the map
+    of the source. They persist, so that no number of poses makes them smaller: the covariance of
+    each estimate contains them.
     """
 
     def __init__(self, odometry: Odometry, marker: MarkerModel = UNKNOWN_MARKER, *,
-                 own_clock: bool = False) -> None:
+                 own_clock: bool = False,
+                 map_errors: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         self._tracker = PoseTracker(own_clock=own_clock)
+        self._map_cov = np.diag(np.square((*map_errors, 0.0, 0.0))) if any(map_errors) else None
         self._latency = marker.latency
         marker = marker._replace(latency=0.0)
         self._filter = PoseFilter(
@@ -158,7 +164,12 @@ class ExternalPoseEstimator:
         if self._frame is None:
             return external
         motion = self._filter.estimate().motion(t, self._frame, external.tracking)
-        return replace(external, estimate=motion)
+        if self._map_cov is None:
+            return replace(external, estimate=motion)
+        cov = motion.cov + self._map_cov
+        cov.setflags(write=False)
+        return replace(external, estimate=replace(
+            motion, cov=cov, pose=replace(motion.pose, cov=cov[:3, :3])))
 
     @property
     def estimate(self) -> FilterEstimate:

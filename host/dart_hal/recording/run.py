@@ -69,13 +69,15 @@ class RunWriter:
     path: a new file, or the file of several cars. url, car: of the opened backend. files: texts of
     the car's files by name. versions: of the library and other packages. start [s]: the clock when
     the backend was opened. now [s]: the present clock, which gives its zero since 1970; None:
-    virtual time. Raises OSError if the file cannot be written; ``trouble`` is the reason for which
+    virtual time. map_std [m]: standard error of the walls of the map, for poses by the car's lidar.
+    Raises OSError if the file cannot be written; ``trouble`` is the reason for which
     writing ended later.
     """
 
     def __init__(self, path: Path | str | RunFile, *, url: str = "", car: str = "",
                  start: float = 0.0, files: Mapping[str, str] | None = None,
-                 versions: Mapping[str, str] | None = None, now: float | None = None) -> None:
+                 versions: Mapping[str, str] | None = None, now: float | None = None,
+                 map_std: float = 0.0) -> None:
         self._file = path if isinstance(path, RunFile) else RunFile(path)
         self._lock = self._file.lock
         self.path = self._file.path
@@ -89,7 +91,8 @@ class RunWriter:
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _CHANNELS}
         self.note("run", {
             "url": url, "car": car, "start": repr(float(start)), "schema": f"{SCHEMA:08x}",
-            "proto": str(PROTO), **dict(versions or {})})
+            "proto": str(PROTO), **({"map_std": repr(map_std)} if map_std else {}),
+            **dict(versions or {})})
         for name, text in (files or {}).items():
             self._attach(name, TOML, text)
         self._file.flush()

@@ -12,7 +12,7 @@ class PoseSource(Protocol):
     """A stream of poses of one body. ``name``: its name in messages.
 
     ``on_board``: the car computes the poses itself; they are poses of the rear axle, with stamps
-    of the car's clock.
+    of the car's clock. A source with a map may have ``map_std`` [m]: standard error of its walls.
     """
 
     name: str

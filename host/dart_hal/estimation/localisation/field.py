@@ -14,7 +14,12 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.boxes import select_walls
-from dart_hal.estimation.localisation.grid import Grid, lines_of_grid
+from dart_hal.estimation.localisation.grid import (
+    Grid,
+    compute_wall_std,
+    lines_of_grid,
+    middle_lines_of_grid,
+)
 from dart_hal.estimation.localisation.rays import LineIndex
 
 # m between two nodes, about a third of ``matcher.C``, over which the weights change.
@@ -46,6 +51,11 @@ class Map:
     wall_index: LineIndex
     grid: Grid | None = None
 
+    @property
+    def std(self) -> float:
+        """Standard error [m] of a pose by the places of the walls; 0 for exact lines."""
+        return 0.0 if self.grid is None else compute_wall_std(self.grid)
+
     def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance (n,) [m] at places (n,) [m] and its derivatives by x and y; constant far
         outside."""
@@ -67,10 +77,8 @@ class Map:
 
 def map_of_lines(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
     """Return the map of exact lines (m, 4) [m]. Raises UsageError if none, or too large."""
-    lines, low, (rows, columns) = _make_raster(lines, cell)
-    distance = np.full((rows, columns), MAX_FIELD_DISTANCE)
-    for line in lines:
-        _lower_distance(distance, line, low, cell)
+    lines, low, shape = _make_raster(lines, cell)
+    distance = _compute_distance(lines, low, cell, shape)
     walls = select_walls(lines, low, cell, distance)
     return Map(lines, walls, low, cell, distance, _bilinear_forms(distance), LineIndex(lines),
                LineIndex(walls))
@@ -116,8 +124,15 @@ def _make_raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray
 
 
 def map_of_grid(grid: Grid) -> Map:
-    """Return the map of the occupied cells of a ROS grid: their outlines."""
-    return replace(map_of_lines(lines_of_grid(grid), min(NODE_SPACING, grid.cell)), grid=grid)
+    """Return the map of the occupied cells of a ROS grid.
+
+    Its lines, where beams end, are the outlines of the cells; its distance is that from their
+    middles. Raises as ``map_of_lines``.
+    """
+    chart = map_of_lines(lines_of_grid(grid), min(NODE_SPACING, grid.cell))
+    distance = _compute_distance(middle_lines_of_grid(grid), chart.origin, chart.cell,
+                                 chart.distance.shape)
+    return replace(chart, grid=grid, distance=distance, patch=_bilinear_forms(distance))
 
 
 def draw_grid(chart: Map) -> Grid:
@@ -127,6 +142,15 @@ def draw_grid(chart: Map) -> Grid:
     # A line passes within half a diagonal of the middle of a cell that it crosses.
     occupied = chart.distance <= np.sqrt(0.5) * chart.cell
     return Grid(occupied, ~occupied, chart.cell, chart.origin - 0.5 * chart.cell)
+
+
+def _compute_distance(lines: FloatArray, low: FloatArray, cell: float,
+                      shape: tuple[int, ...]) -> FloatArray:
+    """Distance [m] of all nodes from the nearest line, at most MAX_FIELD_DISTANCE."""
+    distance = np.full(shape, MAX_FIELD_DISTANCE)
+    for line in lines:
+        _lower_distance(distance, line, low, cell)
+    return distance
 
 
 def _lower_distance(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:

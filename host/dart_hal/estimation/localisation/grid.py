@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import pairwise
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
 from dart_hal.core.text_file import read_text
-from dart_hal.core.types import MAX_COORDINATE, BoolArray, FloatArray
+from dart_hal.core.types import MAX_COORDINATE, BoolArray, FloatArray, IntArray
 
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
                   rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")
@@ -181,6 +182,82 @@ def lines_of_grid(grid: Grid) -> FloatArray:
     cells = np.vstack((level, upright[:, [1, 0, 3, 2]]))
     scaled: FloatArray = cells * grid.cell + np.tile(grid.origin, 2)
     return scaled
+
+
+def middle_lines_of_grid(grid: Grid) -> FloatArray:
+    """Lines (m, 4) [m] through the middles of the occupied cells that are neighbours.
+
+    A cell is occupied where a wall passes anywhere through it: on average the wall is at its
+    middle, and it has no sides. An occupied cell without neighbours in its row or column is a line of no length.
+    """
+    level, beside_level = _horizontal_runs(grid.occupied)
+    upright, beside_upright = _horizontal_runs(grid.occupied.T)
+    cells = np.vstack((level, upright[:, [1, 0, 3, 2]], _diagonal_steps(grid.occupied),
+                       _single_cells(grid.occupied & ~beside_level & ~beside_upright.T)))
+    scaled: FloatArray = (cells + 0.5) * grid.cell + np.tile(grid.origin, 2)
+    return scaled
+
+
+def _horizontal_runs(occupied: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Runs x1, y, x2, y in cells of two or more occupied cells of a row, and the cells in them."""
+    change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, first = np.nonzero(change > 0)
+    last = np.nonzero(change < 0)[1] - 1
+    padded = np.pad(occupied, ((0, 0), (1, 1)))
+    in_run = occupied & (padded[:, :-2] | padded[:, 2:])
+    runs = np.column_stack((first, row, last, row)).astype(np.float64)
+    return runs[last > first], in_run
+
+
+def _diagonal_steps(occupied: BoolArray) -> FloatArray:
+    """Lines x1, y1, x2, y2 between occupied cells that touch at a corner alone."""
+    steps = []
+    for side in (1, -1):
+        cells = occupied[:, ::side]
+        corner = cells[:-1, :-1] & cells[1:, 1:] & ~cells[:-1, 1:] & ~cells[1:, :-1]
+        row, column = np.nonzero(corner)
+        ends = np.column_stack((column, column + 1))
+        x1, x2 = (ends if side == 1 else cells.shape[1] - 1 - ends).T
+        steps.append(np.column_stack((x1, row, x2, row + 1)))
+    return np.vstack(steps).astype(np.float64)
+
+
+def compute_wall_std(grid: Grid) -> float:
+    """Return the standard error [m] of a pose, in x or y, by the places of walls in their cells.
+
+    1. A wall along a row of cells is anywhere in it: its standard error is the cell / sqrt(12).
+    2. Two such walls hold the car in x or y: sqrt(2) less.
+    3. A wall at an angle to the rows crosses each of them, and its errors add up to none: only the
+       share of the runs that do not continue one row up at one end and one row down at the other
+       counts, by the square of their lengths, in rows and in columns.
+    """
+    shares = []
+    for occupied in (grid.occupied, grid.occupied.T):
+        cells = np.pad(occupied, ((1, 1), (2, 2)))
+        change = np.diff(cells.astype(np.int8), axis=1)
+        row, first = np.nonzero(change > 0)
+        first += 1
+        last = np.nonzero(change < 0)[1]
+
+        def continues(rows: IntArray, end: IntArray, outward: int,
+                      cells: BoolArray = cells) -> BoolArray:
+            found: BoolArray = cells[rows, end] | cells[rows, end + outward]
+            return found
+
+        left_up = continues(row + 1, first, -1)
+        left_down = continues(row - 1, first, -1)
+        right_up = continues(row + 1, last, 1)
+        right_down = continues(row - 1, last, 1)
+        crosses = ((left_up & right_down & ~left_down & ~right_up)
+                   | (left_down & right_up & ~left_up & ~right_down))
+        size = np.where(last > first, (last - first + 1.0)**2, 0.0)
+        shares.append(size[~crosses].sum() / max(size.sum(), 1.0))
+    return float(grid.cell / sqrt(24.0) * sqrt(max(shares)))
+
+
+def _single_cells(occupied: BoolArray) -> FloatArray:
+    row, column = np.nonzero(occupied)
+    return np.column_stack((column, row, column, row)).astype(np.float64)
 
 
 def _horizontal_edges(occupied: BoolArray) -> FloatArray:

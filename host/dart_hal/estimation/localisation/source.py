@@ -38,9 +38,9 @@ Work = tuple[tuple[State, ...], Scan]
 class LidarPoses:
     """``PoseSource`` of a car with a lidar; the car calls ``add_states`` and ``add``.
 
-    ``newest``: result of the last scan, None before it; ``dropped``: number of dropped scans;
-    ``cars``: other cars in the scans after ``track_cars``, with those lost of late; ``possible``:
-    what may be one.
+    ``map_std``: of its chart [m]; ``newest``: result of the last scan, None before it;
+    ``dropped``: number of dropped scans; ``cars``: other cars in the scans after ``track_cars``,
+    with those lost of late; ``possible``: what may be one.
     """
 
     on_board = True
@@ -49,6 +49,7 @@ class LidarPoses:
                  name: str = "lidar") -> None:
         self.name = name
         self.chart = chart
+        self.map_std = chart.std
         self.dropped = 0
         self.newest: Located | None = None
         self.cars: tuple[CarTrack, ...] = ()
