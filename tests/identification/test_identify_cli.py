@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
 import json
 import re
 import shlex
@@ -251,6 +253,24 @@ def test_a_joint_fit_predicts_a_day_that_it_has_not_observed(run, tmp_path):
            for car in (PAPER, vehicle_of(model))]
     for channel in ("vx", "yaw_rate", "position"):
         assert rms[1][channel] < 0.5 * rms[0][channel], channel
+
+
+@pytest.mark.slow
+def test_a_joint_fit_that_identifies_nothing_writes_nothing(run, tmp_path):
+    """Of a car that steers, but whose log repeats one steering command."""
+    (file,) = (EXCERPT / "91_free_driving_16_sept_2024").glob("*.csv.gz")
+    with gzip.open(file, "rt", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    with (tmp_path / "constant.csv").open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({**row, "steering": "-0.23"} for row in rows)
+    status, document, _ = run("all", "--joint", "--reference=0.115,0.01,-0.01",
+                              tmp_path / "constant.csv", "--json")
+    assert status == 1
+    assert document["model"] is None
+    assert not any(one for fit in document["fits"].values() for one in fit["identifiable"].values())
+    assert "identify none" in document["left_out"]["tyres"]
 
 
 @pytest.mark.slow

@@ -55,6 +55,11 @@ class SubmodelFit:
         """Whether the fit converged inside its bounds, so that it may be written to a model."""
         return self.converged and not self.at_bound
 
+    @property
+    def identifies_any(self) -> bool:
+        """Whether the data identify any of its parameters."""
+        return any(entry.identifiable for entry in self.parameters.values())
+
     def values(self) -> dict[str, float]:
         """Return the values by name."""
         return {name: entry.value for name, entry in self.parameters.items()}

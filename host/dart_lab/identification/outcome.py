@@ -63,8 +63,10 @@ class Identification:
 
     @property
     def sound(self) -> bool:
-        """Whether any fit is sound."""
-        return any(fit.sound for fit in self.fits.values())
+        """Whether any fit is sound, and a joint fit identifies any parameter."""
+        fits = self.fits.values()
+        return any(fit.sound for fit in fits) and (
+            self.joint is None or any(fit.identifies_any for fit in fits))
 
     def over(self, base: ModelFile) -> ModelFile:
         """Return the base with the mass, inertia, sizes and effects that the fits depend on."""

@@ -88,6 +88,9 @@ def build_model(fits: Mapping[str, SubmodelFit], base: ModelFile, source: Source
     ...); it replaces those of the single sections. A joint fit is written as a whole or not at
     all, because each section is only valid with the others.
     """
+    if joint is not None and not any(fit.identifies_any for fit in fits.values()):
+        return WrittenModel(None, (), dict.fromkeys(
+            fits, "these recordings identify none of the parameters"))
     unsound = {name: why for name, fit in fits.items() if (why := why_unsound(fit))}
     if joint is not None and unsound:
         reasons = "; ".join(f"{name}: {why}" for name, why in unsound.items())

@@ -267,7 +267,7 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
                         ) -> tuple[JointFit, UsedRecordings, dict[str, tuple[str, ...]]]:
     """Fit to recordings; return (fit, used recordings with grids, reasons of the unused files).
 
-    Raises RecordingError if no recording has a window to predict.
+    Raises RecordingError if no recording has a window to predict, or all are too short.
     """
     used = UsedRecordings()
     unused = dict[str, tuple[str, ...]]()
@@ -288,6 +288,13 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
                              remedy="without --joint the sub-models are fitted one by one")
     waits = tuple(0.0 if r.commands is None else PWM_WAIT_STD for r, _ in used)
     problem = replace(ShootingProblem.from_grids([g for _, g in used]), waits=waits)
+    _, stretch = label_stretches(problem.parts, BLOCK_DURATION)
+    if len(np.unique(stretch)) < 2:
+        raise RecordingError(
+            "too little driving for a joint fit", read=", ".join(str(r.path) for r, _ in used),
+            found=f"one block of {BLOCK_DURATION:g} s",
+            expected="two or more, which give the standard errors",
+            remedy="record a longer drive, or add recordings")
     return fit_jointly(problem, base, submodels, progress, known), used, unused
 
 
