@@ -22,7 +22,7 @@ def rows_a(n: int = 60, t0: float = 100.0) -> dict[str, np.ndarray]:
     one = np.ones(n)
     table = {name: np.zeros(n) for name in NAMES_A}
     table["elapsed time sensors"] = t0 + 0.1 * np.arange(n)
-    table["W (IMU)"] = 0.5 * one
+    table["W (IMU)"] = 0.5 + 1e-3 * np.sin(np.arange(n))  # a gyro without noise is stuck
     table["vel encoder"] = 0.05161 * (10 + np.arange(n) % 9)
     table["safety_value"] = one
     table["throttle"] = 0.25 * one

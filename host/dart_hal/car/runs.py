@@ -41,6 +41,7 @@ from dart_hal.recording.dart import (
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index, select_voltage
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
+from dart_hal.recording.dart.stuck import drop_stuck_sensors
 from dart_hal.recording.imported import is_imported, read_imported
 from dart_hal.recording.run import RunReader
 
@@ -105,18 +106,18 @@ def read_unframed(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: b
         frames = Note(f"{run.frames} frames at 100 Hz, every {FRAMES_PER_FINE_MESSAGE}. used")
         notes = [frames, *file_notes, *lost, *more]
         marker, latency = run.marker or (None, 0.0)
-        return note_false_lock(Recording(
+        return note_false_lock(drop_stuck_sensors(Recording(
             path, RUN, shift_arrivals(run.moments, start - latency), mocap, "ok", None, digest,
             tuple(notes), mass=_read_mass(path), marker=marker, car=run.car,
             commands=_shift_times(run.commands, start - latency),
-            battery=_shift_times(run.battery, start - latency)))
+            battery=_shift_times(run.battery, start - latency))))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
                                                        else "all used")), *file_notes, *lost]
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path, car)[:2], every)
-    return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_read_mass(path), span=every * SAMPLE, car=run.car,
-                     battery=run.battery)
+    return drop_stuck_sensors(Recording(
+        path, RUN, messages, None, "ok", None, digest, tuple(notes), mass=_read_mass(path),
+        span=every * SAMPLE, car=run.car, battery=run.battery))
 
 
 @lru_cache(maxsize=MAX_CACHED_RUNS)

@@ -43,6 +43,7 @@ from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS, note_false_lock
 from dart_hal.recording.dart.schema import MOCAP_COLUMNS
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_hal.recording.dart.steering_sign import steering_note
+from dart_hal.recording.dart.stuck import drop_stuck_sensors
 from dart_hal.recording.items import IMPORT_NOTE, JSON, TOML, ZERO
 from dart_hal.recording.mcap_records import McapFile, read_mcap
 from dart_hal.recording.run_file import make_mcap_writer
@@ -221,6 +222,7 @@ def read_imported(path: Path, digest: str, frames: int, *, poses: bool = True,
         commands=None if mocap is None else AppliedCommands(
             freeze(commands.t - zero), freeze(commands.values[:, 1]),
             freeze(commands.values[:, 0])))
+    made = drop_stuck_sensors(made)
     if mocap is not None and "encoder" in sensors:
         made = note_false_lock(made)
     return replace(made, notes=(*made.notes, *steering_note(made)))

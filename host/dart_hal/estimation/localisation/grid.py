@@ -188,7 +188,8 @@ def middle_lines_of_grid(grid: Grid) -> FloatArray:
     """Lines (m, 4) [m] through the middles of the occupied cells that are neighbours.
 
     A cell is occupied where a wall passes anywhere through it: on average the wall is at its
-    middle, and it has no sides. An occupied cell without neighbours in its row or column is a line of no length.
+    middle, and it has no sides. An occupied cell without neighbours in its row or column is a line
+    of no length.
     """
     level, beside_level = _horizontal_runs(grid.occupied)
     upright, beside_upright = _horizontal_runs(grid.occupied.T)

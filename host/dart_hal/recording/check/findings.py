@@ -11,12 +11,13 @@ from .motion import MAX_SLIP_SHARE, MAX_SLIP_SPEED, MIN_MOVING_SPEED, RecordedMo
 
 # Kinds of findings by their effect: rows dropped, or only reported; the others change values.
 DROPPED_KINDS = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
-           "mocap_repeated")
+                 "mocap_repeated", "differing_copies")
 REPORTED_KINDS = ("car_files", "quantum", "lost_messages", "encoder_zero", "read",
                   "reference_unknown", "marker_differs", "marker_of_day", "steering_reversed")
-SERIOUS_KINDS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
-           "never_moves", "too_short", "message_gap", "reference_unknown", "marker_differs",
-           "marker_of_day", "mostly_bad", "steering_reversed", "car_files")
+SERIOUS_KINDS = ("differing_copies", "time_back", "mocap_time_back", "false_lock", "encoder_dead",
+                 "sensor_stuck", "not_finite", "never_moves", "too_short", "message_gap",
+                 "reference_unknown", "marker_differs", "marker_of_day", "mostly_bad",
+                 "steering_reversed", "car_files")
 MIN_FIT_DURATION = 3.0  # s
 MAX_TILT_ACCELERATION = 0.15  # m/s2 at rest
 REST_ROWS = 10

@@ -7,6 +7,7 @@ DONE = {
     "bad_samples": "parts of the motion are marked bad, 0.2 s to both sides included",
     "cut_off_line": "the cut-off last line is dropped",
     "derived": "derived columns are not used: the pose is differentiated",
+    "differing_copies": "of rows with one sensor stamp, the first is used",
     "encoder_dead": "the encoder is dead: no speed instead of zeros",
     "false_lock": "the mocap stood while the wheels turned: marked bad",
     "gate": "throttle logged behind a closed safety gate is 0",
@@ -22,6 +23,7 @@ DONE = {
     "not_started": "rows before the first sensor message are dropped",
     "outliers": "outliers of the mocap, 1 to 3 rows, are marked",
     "repeated_stamp": "rows that repeat the stamp of the row before are dropped",
+    "sensor_stuck": "a sensor repeats one value: used as missing",
     "time_back": "cut where the sensor time steps back",
     "yaw_wraps": "yaw passes +-pi: unwrapped",
 }

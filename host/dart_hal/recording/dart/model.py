@@ -201,8 +201,8 @@ class Recording:
 
     schema: "A", "B", "C" or RUN. mocap: None for A, and for a RUN without external poses.
 
-    encoder: "ok", "dead" (always 0 while the car moved), "zero" (always 0, and no other sensor
-    shows a motion), "none" (schema C). quantum: m/s per encoder count, None if it cannot be
+    encoder: "ok", "dead" (always 0 while the car moved, or stuck), "zero" (always 0, and no other
+    sensor shows a motion), "none" (schema C). quantum: m/s per encoder count, None if it cannot be
     inferred. sha256 of the file's bytes.
     rows: lines of the table before any was dropped (0: no table).
     mass: weighed for this recording, (kg, standard deviation); None: not weighed.

@@ -69,6 +69,9 @@ def find_car_difference(recordings: Sequence[Recording]) -> CarDifference | None
 def describe_difference(difference: CarDifference) -> str:
     """Return a difference in words, with the recordings of both groups."""
     factor = 1.0 + difference.size
+    if factor > 1.0 and difference.error > factor:
+        return (f"{RESPONSES[difference.kind]} is nearly 0 in {_shorten(difference.first)}, unlike "
+                f"in {_shorten(difference.second)}")
     return (f"{RESPONSES[difference.kind]} is {factor:.2f} +- {difference.error:.2f} "
             f"times as large in {_shorten(difference.second)} as in {_shorten(difference.first)}")
 

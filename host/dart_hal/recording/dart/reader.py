@@ -21,6 +21,7 @@ from .ranges import check_units, check_values
 from .schema import DERIVED_C, NEVER_MEASURED, USED
 from .sensors import check_commands, commands_only, messages, not_started
 from .steering_sign import steering_note
+from .stuck import drop_stuck_sensors
 from .table import decode_content, keep_finite, parse_text, read_content
 
 # Speed of the mocap [m/s], of a car of 1:10, for a second at which the encoder must count.
@@ -84,8 +85,8 @@ def _assemble(path: Path, schema: str, columns: dict[str, FloatArray], notes: li
         sensors, more = messages(columns, None if pose is None else pose.t)
     recording = Recording(path, schema, sensors, pose, "none" if schema == "C" else "ok", None,
                           digest, ())
-    return _judge_encoder(note_false_lock(replace(
-        recording, notes=tuple(notes + more))))
+    recording = drop_stuck_sensors(replace(recording, notes=tuple(notes + more)))
+    return _judge_encoder(note_false_lock(recording))
 
 
 def _never_measured(columns: dict[str, FloatArray]) -> list[Note]:
@@ -105,7 +106,7 @@ def _signed_zeros(columns: dict[str, FloatArray]) -> list[Note]:
 
 def note_false_lock(recording: Recording) -> Recording:
     """Return a recording with mocap and encoder, with a note if the mocap locked falsely."""
-    if recording.mocap is None or recording.schema == "C":
+    if recording.mocap is None or recording.schema == "C" or recording.encoder == "dead":
         return recording
     lock = marker_grid(recording).false_lock
     if not lock.any():
@@ -118,7 +119,7 @@ def note_false_lock(recording: Recording) -> Recording:
 
 def _judge_encoder(recording: Recording) -> Recording:
     """Infer the quantum of the encoder; if it is always 0, decide between dead and at rest."""
-    if recording.schema == "C":
+    if recording.schema == "C" or recording.encoder == "dead":
         return recording
     speed = recording.messages.speed
     # 1. An encoder that counts: its speeds are multiples of one quantum. 2. Always 0 while the

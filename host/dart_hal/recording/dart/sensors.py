@@ -73,6 +73,7 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
                else "rows that repeat the stamp of the row before")
         notes.append(Note(why, int((~fresh).sum()),
                           "held_copies" if arrival is not None else "repeated_stamp"))
+        notes += _note_differing_copies(columns, fresh)
     if back:
         notes.append(Note(f"sensor time steps back {back} time(s): cut there, not sorted",
                           kind="time_back"))
@@ -94,6 +95,18 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
         gate=freeze_flags(gate), speed=freeze(used["vel encoder"]),
         yaw_rate=freeze(used["W (IMU)"]), accel_x=freeze(used["acc x (IMU)"]),
         accel_y=freeze(used["acc y (IMU)"])), notes
+
+
+def _note_differing_copies(columns: dict[str, FloatArray], fresh: BoolArray) -> list[Note]:
+    """Return a note if rows with the stamp of the row before have other values than it."""
+    changed = {name: int((~fresh[1:] & (np.diff(columns[name]) != 0.0)).sum())
+               for name in SENSOR_COLUMNS if name != SENSOR_TIME}
+    names = [name for name, rows in changed.items() if rows]
+    if not names:
+        return []
+    return [Note(f"{', '.join(names)}: values differ in rows of one sensor stamp, and only the "
+                 "first of them is used (dart-hal data import keeps commands at their own times)",
+                 max(changed.values()), "differing_copies")]
 
 
 def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messages, list[Note]]:
