@@ -42,6 +42,16 @@ def test_a_whole_study_has_a_page_and_repeats_a_stage(verb, folder, tmp_path):
     assert (saved / "3_fit.json").read_bytes() == before
 
 
+def test_a_study_without_a_usable_recording_says_why(verb, tmp_path):
+    recording, _ = simulate_recording(5, seconds=4.0)
+    write_table(table_of(recording, "B"), tmp_path / "short.csv")
+    ran = verb("study", tmp_path / "short.csv", "--out", tmp_path / "study")
+    assert ran.code == 1
+    first = ran.out.split("First: ")[1].splitlines()[0]
+    assert "short.csv is not used: marker frame not identified" in first
+    assert "train: ;" not in ran.out
+
+
 @pytest.mark.parametrize(("words", "what"), [
     ((), "no recording named"), (("gone.csv",), "no such file"),
     (("--stage", "guess", "x"), "guess")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from dataclasses import replace
 
@@ -197,3 +198,15 @@ def test_a_copy_under_another_name_is_still_the_same_recording(files, run, tmp_p
     code, answer, _ = run("--train", files[0], "--test", copy, "--json")
     assert code == 2
     assert "the test recordings are the training recordings" in answer["error"]["what"]
+
+
+@pytest.mark.slow
+def test_the_next_command_has_the_marker_frame_and_runs(run, files, tmp_path):
+    _, _, err = run("--no-refit", "--max-causes", "0", "--reference=-0.09,0.01,0", "--train",
+                    files[0], "--test", files[1], "--out", tmp_path / "m.toml")
+    (line,) = [line for line in err.splitlines() if line.startswith("next: ")]
+    words = shlex.split(line.removeprefix("next: dart-hal "))
+    assert "--reference=-0.09,0.01,0.0" in words
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0

@@ -287,6 +287,10 @@ def test_a_finding_is_one_line_with_size_share_and_status():
     assert lines[1] == ("accepted: turns its wheels more slowly (steering_lag); 118.7 +- 4.3 ms; "
                         "removes 41 % (36 % to 47 %) of the yaw rate error")
     assert lines[-1].startswith("small correction: motor")
+    worse = replace(d.causes[0], gain=replace(d.causes[0].gain, test=-0.62, low=-1.09, high=-0.26))
+    (line,) = [finding.line for finding in list_findings(replace(d, causes=(worse,)))
+               if "steering_lag" in finding.line]
+    assert line.endswith("raises the yaw rate error by 62 % (26 % to 109 %)")
     text = page(d)
     for finding in list_findings(d):
         assert f'href="#{finding.anchor}"' in text

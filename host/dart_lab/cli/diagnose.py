@@ -17,6 +17,7 @@ from dart_hal.cli.common.options import (
     REFERENCE,
     FiniteNumber,
     PathsOption,
+    format_reference_option,
     html_option,
     json_option,
     out_option,
@@ -176,7 +177,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         from dart_lab.pages.diagnose_suggest import show_suggestions
 
         show_suggestions(suggestions, drives)
-    _print_next_steps(d, html, test)
+    _print_next_steps(d, html, test, reference)
 
 
 def _check_arguments(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) -> None:
@@ -246,17 +247,19 @@ def _suggest_drives(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[
                                          progress=partial(show_progress, done=1.0)))
 
 
-def _print_next_steps(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
-    """Print the files that were written and the next command."""
+def _print_next_steps(d: Diagnosis, html: Path | None, test: Sequence[Path],
+                      reference: Reference | None) -> None:
+    """Print the files that were written and the next command, with the same marker frame."""
     lines = [f"report: {html}"] if html is not None else []
     if d.written is not None:
         model = shlex.quote(d.written)
         where = shlex.join(map(str, test)) if test else "FILES"
+        frame = f"{format_reference_option(reference)} " if reference else ""
         # Without motion capture there is no path to compare a prediction with.
-        lines += [f"written: {d.written}",
-                  f"next: dart-hal evaluate --model {model} {where}" if d.evidence.has_mocap else
-                  "next: drive and record again, then dart-hal diagnose --no-refit "
-                  f"--model {model} --train NEW"]
+        evaluate = f"next: dart-hal evaluate --model {model} {frame}{where}"
+        repeat = ("next: drive and record again, then dart-hal diagnose --no-refit "
+                  f"--model {model} --train NEW")
+        lines += [f"written: {d.written}", evaluate if d.evidence.has_mocap else repeat]
     if d.predictor_written is not None:
         lines.append(f"best predictor: {d.predictor_written}")
     for line in lines:
@@ -275,5 +278,5 @@ def _format_command(given: dict[str, Any]) -> str:
         if given[name] is not None:
             words += [f"--{name.replace('_', '-')}", str(given[name])]
     r = given["reference"]
-    return shlex.join(words + ([] if r is None else ["--reference", f"{r.lx},{r.theta},{r.ly}"]))
+    return shlex.join(words + ([] if r is None else [format_reference_option(r)]))
 

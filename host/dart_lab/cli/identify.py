@@ -13,6 +13,7 @@ import click
 from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.common.options import (
     REFERENCE,
+    format_reference_option,
     html_option,
     json_option,
     out_option,
@@ -157,7 +158,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     if as_json:
         print_json(answer)
     elif path is not None:
-        _print_next_steps(path, data)
+        _print_next_steps(path, data, reference)
     # Exit 1: nothing was identified, or --out was requested and not written.
     out_not_written = out is not None and path is None and not dry_run
     return 1 if out_not_written or not outcome.sound else 0
@@ -202,9 +203,9 @@ def _format_command(submodel: str, files: Sequence[Path], options: dict[str, Any
     """Return the command line, for the provenance of the file."""
     words = ["dart-hal", "identify", submodel, *map(str, files)]
     for name, value in options.items():
-        if isinstance(value, Reference):
-            value = f"{value.lx},{value.theta},{value.ly}"
-        words += [] if value is None else [name] if value is True else [name, str(value)]
+        words += ([] if value is None else [name] if value is True
+                  else [format_reference_option(value)] if isinstance(value, Reference)
+                  else [name, str(value)])
     return shlex.join(words)
 
 
@@ -251,10 +252,11 @@ def _save_pictures(drawn: Mapping[str, Any], missing: Mapping[str, str], target:
     return pictures
 
 
-def _print_next_steps(path: Path, data: Any) -> None:
-    """Print the commands that follow after a model was written."""
+def _print_next_steps(path: Path, data: Any, reference: Reference | None) -> None:
+    """Print the commands that follow after a model was written, with the same marker frame."""
     has_mocap = not isinstance(data, list) or any(r.mocap is not None for r in data)
-    lines = [f"dart-hal evaluate --model {shlex.quote(str(path))} FILES   "
+    frame = f"{format_reference_option(reference)} " if reference else ""
+    lines = [f"dart-hal evaluate --model {shlex.quote(str(path))} {frame}FILES   "
              "(motion capture that was not used in this fit)"] if has_mocap else []
     if path.parent.parent.name != "cars":
         lines.append("for a car of your own: the same with --car NAME --out cars/NAME/model.toml")

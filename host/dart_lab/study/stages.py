@@ -182,17 +182,18 @@ def _check(study: Study, progress: Progress | None) -> StageResult:
     refuse_reversed_steering(study.recordings)
     train, test = split_recordings([c.recording for c in good]) if good else ((), ())
     seconds = sum(c.facts.duration for c in good)
-    lines = [f"{len(study.recordings) - len(good)} recordings are good for nothing"] \
-        if len(good) < len(study.recordings) else []
+    lines = [f"{c.name} is not used: {_explain_unusable(c)}" for c in checks if c not in good]
+    lines += study.notes
     lines += caution_several_cars(study.recordings)
-    lines.append(f"train: {', '.join(r.name for r in train)}; test: "
-                 f"{', '.join(r.name for r in test)}"
-                 + (", other stretches of the same recording" if len(good) == 1 else ""))
+    if good:
+        lines.append(f"train: {', '.join(r.name for r in train)}; test: "
+                     f"{', '.join(r.name for r in test)}"
+                     + (", other stretches of the same recording" if len(good) == 1 else ""))
     if not study.has_poses:
         lines.append("no poses: position, side slip and the limit of the tyres cannot be known")
     return StageResult(
         "check", f"{len(good)} of {len(study.recordings)} recordings are good for a study, "
-        f"{seconds:.0f} s", (*study.notes, *lines), tuple(rows),
+        f"{seconds:.0f} s", tuple(lines), tuple(rows),
         {"recordings": [c.to_json() for c in checks]}, bool(good))
 
 
@@ -200,6 +201,12 @@ def _is_usable(c: RecordingCheck) -> bool:
     """Return whether a recording is good for something, and the frame of its poses is known."""
     r = c.recording
     return bool(c.good_for) and (r.mocap is None or r.marker is not None)
+
+
+def _explain_unusable(c: RecordingCheck) -> str:
+    """Return why ``_is_usable`` refuses a recording."""
+    frames = [f.text for f in c.findings if f.kind == "reference_unknown"]
+    return frames[0] if c.good_for and frames else c.verdict
 
 
 def _select_usable(study: Study) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
@@ -350,7 +357,8 @@ def describe_validation(result: StageResult) -> str:
     parts = [f"{label.partition(' [')[0]} {significant(pooled['start'][channel])} -> "
              f"{significant(pooled['fitted'][channel])} {label.partition(' [')[2][:-1]}"
              for channel, label in CHANNEL_LABELS.items()]
-    return f"errors {HORIZON:g} s ahead on the test recordings: {', '.join(parts)}"
+    return (f"errors {HORIZON:g} s ahead on the test recordings, start model -> {FITTED_MODEL}: "
+            f"{', '.join(parts)}")
 
 
 def _diagnose(study: Study, progress: Progress | None) -> StageResult:

@@ -310,6 +310,11 @@ class ReferenceType(click.ParamType):  # type: ignore[type-arg]
 REFERENCE = ReferenceType()
 
 
+def format_reference_option(reference: Reference) -> str:
+    """Return the option of a marker frame, as one word: its first number may be negative."""
+    return f"--reference={reference.lx},{reference.theta},{reference.ly}"
+
+
 class PathsOption(click.Option):
     """An option that takes every path up to the next option, and may be repeated."""
 

@@ -10,15 +10,15 @@ from dart_lab.report.numbers import percent
 
 from .explain import is_small, is_small_change
 from .physical import main_size
-from .words import channel, interval, quantity_change, short_title
+from .words import channel, quantity_change, short_title
 
 
 @dataclass(frozen=True, slots=True)
 class FindingLine:
     """One line.
 
-    share: of an error that it removes. status: accepted, substitute, possible, ... anchor: of its
-    evidence on the page.
+    share: what it removes of an error, or by what it raises it. status: accepted, substitute,
+    possible, ... anchor: of its evidence on the page.
     """
 
     name: str
@@ -30,8 +30,7 @@ class FindingLine:
     @property
     def line(self) -> str:
         """The finding for the terminal."""
-        known = self.share and f"removes {self.share}"
-        return f"{self.status}: {'; '.join(filter(None, (self.name, self.size, known)))}"
+        return f"{self.status}: {'; '.join(filter(None, (self.name, self.size, self.share)))}"
 
 
 def list_findings(d: Diagnosis) -> list[FindingLine]:
@@ -44,11 +43,7 @@ def list_findings(d: Diagnosis) -> list[FindingLine]:
 
 def _describe_cause(cause: Cause, i: int) -> FindingLine:
     gain = cause.gain
-    share = ""
-    if math.isfinite(gain.test):
-        verb = "" if gain.test >= 0.0 else "adds "
-        known = f" ({interval(gain)})" if math.isfinite(gain.low + gain.high) else ""
-        share = f"{verb}{percent(abs(gain.test))}{known} of the {channel(gain.channel)} error"
+    share = _describe_share(gain.test, gain.low, gain.high, channel(gain.channel))
     status = "accepted" if cause.constancy.constant else "substitute"
     return FindingLine(f"{short_title(cause)} ({cause.effect})", main_size(cause), share, status,
                        f"cause-{i + 1}")
@@ -60,15 +55,21 @@ def _describe_claim(claim: Claim) -> FindingLine:
         # The quantity that moved most, by its standard errors, among those that moved by much.
         name = max(claim.quantities, key=lambda key: _significance(claim.quantities[key]))
         size = f"{name} {quantity_change(claim.quantities[name])}"
-    ratio, low, high = claim.cost
-    share = ""
-    if math.isfinite(ratio):
-        gain, least, most = (1.0 - 1.0 / value for value in (ratio, low, high))
-        verb = "" if gain >= 0.0 else "adds "
-        known = f" ({percent(least)} to {percent(most)})" if math.isfinite(least + most) else ""
-        share = f"{verb}{percent(abs(gain))}{known} of the motion error"
+    gain, low, high = (1.0 - 1.0 / value for value in claim.cost)
+    share = _describe_share(gain, low, high, "motion")
     return FindingLine(claim.title, size, share,
                        "small correction" if is_small(claim) else "wrong parameter", "claims")
+
+
+def _describe_share(gain: float, low: float, high: float, error: str) -> str:
+    """Return what a finding changes of an error, with its interval; "" if it is not known."""
+    if not math.isfinite(gain):
+        return ""
+    shares = (gain, low, high) if gain >= 0.0 else (-gain, -high, -low)
+    size, least, most = (percent(share) for share in shares)
+    known = f" ({least} to {most})" if math.isfinite(low + high) else ""
+    return (f"removes {size}{known} of the {error} error" if gain >= 0.0
+            else f"raises the {error} error by {size}{known}")
 
 
 def _significance(q: QuantityChange) -> tuple[bool, float]:

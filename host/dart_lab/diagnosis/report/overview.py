@@ -69,7 +69,7 @@ def cause_lines(d: Diagnosis, report: str = "") -> Html:
     """Tabulate what was found, one line each: name, size, share, status."""
     rows = [[el("a", finding.name, href=f"{report}#{finding.anchor}"), finding.size,
              finding.share, finding.status] for finding in list_findings(d)]
-    return table(("", "size", "what it removes", "status"), rows)
+    return table(("", "size", "effect on the errors", "status"), rows)
 
 
 def overview(d: Diagnosis) -> Html:
