@@ -43,8 +43,8 @@ def describe_cause(d: Diagnosis, i: int) -> dict[str, str]:
     cause = d.causes[i]
     what = f"The car {signed_title(cause)}: {describe_size(cause)}."
     if not cause.constancy.constant:
-        what += (" A substitute: it improves the prediction, but its size changes with "
-                 f"{_describe_variable(cause)}, so it is not the whole cause.")
+        what += (f" A substitute: its size changes with {_describe_variable(cause)}, so it is not "
+                 "the whole cause.")
     return {"What": what, "Why": _reasons(d, i), "Gain": _gain(d, i),
             "Next": _next(cause.experiment, bool(cause.cannot_be_told_from),
                           not cause.constancy.constant)}

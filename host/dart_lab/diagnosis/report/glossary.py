@@ -29,8 +29,7 @@ TERMS = {
                                   "draws of recordings.",
     "small correction": "A parameter that changed by less than 2 % or by less than two standard "
                         "errors.",
-    "substitute": "A cause whose size is not constant: it improves the prediction, but something "
-                "else lies behind it.",
+    "substitute": "A cause whose size is not constant: something else lies behind it.",
     "size": "Of a cause in a recording, relative to the one that fits all. It is constant if it "
             "does not change along time, place, speed, angle, throttle and accelerations more than "
             "with the signs of blocks turned.",
