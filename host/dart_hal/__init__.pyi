@@ -36,6 +36,7 @@ from dart_hal.core.types import State as State
 from dart_hal.devices.actuation.steering_map import steering_map as steering_map
 from dart_hal.estimation.localisation.grid import Grid as Grid
 from dart_hal.estimation.localisation.grid import write_grid as write_grid
+from dart_hal.recording.dart.model import Reference as Reference
 from dart_hal.recording.run import RunReader as RunReader
 from dart_hal.vehicle import Vehicle as Vehicle
 from dart_hal.vehicle import rollout as rollout

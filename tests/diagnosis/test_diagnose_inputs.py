@@ -68,8 +68,9 @@ def test_a_battery_fade_of_the_other_law_is_stated(drive, motor_voltage, measure
 
 
 def other(recording, name="car_1_other.csv"):
-    """The same drive as if it were another one."""
-    return replace(recording, path=recording.path.with_name(name), sha256="f" * 64)
+    """The same drive as if it were another one, 1000 s later."""
+    later = replace(recording.messages, t=recording.messages.t + 1000.0)
+    return replace(recording, path=recording.path.with_name(name), sha256="f" * 64, messages=later)
 
 
 def scale_column(tmp_path, recording, column, factor, offset=0.0):
@@ -97,6 +98,15 @@ def test_train_equal_to_test_is_refused_even_under_another_name(drive, tmp_path)
         check_inputs([drive], [read(copy)], PAPER)
     with pytest.raises(UsageError, match="1 recording"):
         check_inputs([drive, other(drive)], [drive], PAPER)
+
+
+def test_a_part_of_a_training_recording_is_refused(drive, tmp_path):
+    lines = drive.path.read_text().splitlines()
+    part = tmp_path / "second_half.csv"
+    part.write_text("\r\n".join([lines[0], *lines[len(lines) // 2:]]) + "\r\n")
+    with pytest.raises(UsageError, match="1 recording") as refused:
+        check_inputs([drive], [read(part)], PAPER)
+    assert "parts of one file" in refused.value.likely
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ NOT_OBSERVED = ("position, side slip, the mocap's own errors and their consequen
 
 # Channel of ``Messages`` by which a sensor is present.
 SENSOR_CHANNELS = {"encoder": "speed", "gyro": "yaw_rate", "accelerometer": "accel_y"}
+# Messages with the same stamp and readings that two recordings share by being parts of one, 1 s.
+MIN_SHARED_MESSAGES = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +142,11 @@ def warn_fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) ->
 
 
 def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Raise UsageError for a file, by its content, that is in both sets."""
+    """Raise UsageError for a file, by its content or by a part of it, that is in both sets."""
     training = {r.sha256: r.name for r in train}
-    both = [r.name for r in test if r.sha256 in training]
+    moments = set().union(*map(_list_moments, train))
+    both = [r.name for r in test if r.sha256 in training
+            or len(_list_moments(r) & moments) >= MIN_SHARED_MESSAGES]
     if not both:
         return
     same = {r.sha256 for r in test} == set(training)
@@ -150,9 +154,18 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
         "the test recordings are the training recordings" if same else
         f"{len(both)} recording(s) to train on are test recordings as well",
         found=shorten_list(both), expected="recordings that the fit does not use",
-        likely="one folder named twice, or a copy of a file under another name",
+        likely="one folder named twice, a copy of a file under another name, or parts of one file "
+               "that overlap",
         remedy="leave them out on one side, or leave out --test: then stretches of each training "
                "recording are held out")
+
+
+def _list_moments(r: Recording) -> set[tuple[float, ...]]:
+    """Return the readings of a recording, each with its stamp, as far as it has a gyro."""
+    m = r.messages
+    turning = np.nan_to_num(m.yaw_rate) != 0.0
+    rows = np.column_stack((m.t, m.yaw_rate, m.throttle_raw, m.steering))[turning]
+    return set(map(tuple, rows.tolist()))
 
 
 def _drop_copies(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:

@@ -89,12 +89,17 @@ class Reference:
     """Marker frame: L_x, L_y [m] from the rear axle, theta [rad]; source in words.
 
     std: standard errors of L_x, theta and L_y, NaN where one was not measured; None: not known.
+
+    Example:
+        >>> from dart_hal import Reference
+        >>> print(Reference(0.115, 0.01, -0.01))
+        L_x +0.1150 m, theta +0.0100 rad, L_y -0.0100 m
     """
 
     lx: float
     theta: float
     ly: float
-    source: str
+    source: str = "given"
     std: tuple[float, float, float] | None = None
 
     def __str__(self) -> str:
