@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -19,10 +19,15 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle.compose import apply_parameter_effects, signals
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identification.evaluation.cases import Case, Prepared, prepare
+from dart_lab.identification.evaluation.cases import (
+    Case,
+    Prepared,
+    correct_poses,
+    prepare,
+)
 from dart_lab.identification.evaluation.compare import gain, label_blocks
 from dart_lab.identification.evaluation.prediction import (
     CHANNELS,
@@ -33,7 +38,6 @@ from dart_lab.identification.evaluation.prediction import (
     predict_ctrv,
 )
 from dart_lab.identification.evaluation.scores import score
-from dart_lab.identification.evidence.drive import remove_mocap_effects
 from dart_lab.identification.evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
 from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.prediction.windows import HORIZONS
@@ -135,16 +139,6 @@ def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float,
     """
     cases = correct_poses(p, cases, l_r)
     return predict(apply_parameter_effects(p), cases, offsets=offsets) - measured(cases, offsets)
-
-
-def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:
-    """Remove the effects of the vehicle on the poses of recordings.
-
-    l_r: as in ``compute_case_errors``.
-    """
-    if not signals(p, "pose"):
-        return cases
-    return [replace(case, grid=remove_mocap_effects(case.grid, p, l_r)) for case in cases]
 
 
 def make_recording_set(evidence: Evidence, recordings: Sequence[Recording], l_r: float,

@@ -16,12 +16,13 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evaluation.cases import correct_poses
 from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.identification.prediction import rollout
 from dart_lab.identification.prediction.windows import WINDOW_LENGTH
 
 from .error_summaries import PathWindow
-from .gains import RecordingSet, correct_poses
+from .gains import RecordingSet
 
 MEASURED = "measured"
 # Samples between points: 15 cm at 3 m/s, finer than a line of the picture shows.

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.recording.dart import Reference
+from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_lab.identification.evaluation import (
     errors,
+    evaluate,
     kinematic,
     measured,
     predict,
@@ -20,6 +23,7 @@ from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.identification.evaluation.takeover import predict_at_measured_speed
 from dart_lab.identification.prediction import rollout
 from dart_lab.identification.prediction.rollout import BATCH_WINDOWS
+from tests.recorded.simulated_recording import simulate_recording
 
 
 @pytest.mark.parametrize("p", [PAPER, kinematic(PAPER), UPSTREAM_2024],
@@ -111,3 +115,17 @@ def test_at_the_measured_speed_only_the_turning_is_predicted(driven):
     assert np.abs(given[5] - truth[5]).max() < 0.1 * np.abs(free[5] - truth[5]).max()
     speed = cases[0].grid.v_x[cases[0].windows.start]
     assert np.array_equal(measured(cases, (0,))[0, 3], speed), "untouched"
+
+
+def test_effects_of_the_model_on_the_poses_are_removed_from_them():
+    """A marker frame stated 0.05 rad wrong, and a model that says so; control: by the frame alone.
+    """
+    frame = Reference(0.1, 0.02, 0.0)
+    wrong = replace(frame, theta=0.07)
+    recording, _ = simulate_recording(3, seconds=20.0, frame=frame)
+    right = evaluate(PAPER, [recording], reference=frame, limit=False)
+    turned = evaluate(PAPER, [recording], reference=wrong, limit=False)
+    freed = evaluate(apply(PAPER, "mocap_yaw", k=0.05), [recording], reference=wrong, limit=False)
+    assert freed.model.rmse(1.0)["vy"] == pytest.approx(right.model.rmse(1.0)["vy"], rel=0.01)
+    assert turned.model.rmse(1.0)["vy"] > 2.0 * right.model.rmse(1.0)["vy"]
+    assert "mocap_yaw" in freed.notes[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,9 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.recording.dart.grid import L_R, UNKNOWN_FRAME
 from dart_hal.recording.dart.reference import NEEDED, OPTION
+from dart_hal.vehicle.compose import signals
+from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.evidence.drive import remove_mocap_effects
 from dart_lab.identification.prediction.windows import (
     Windows,
     find_windows,
@@ -173,3 +176,13 @@ def _make_no_case_error(files: Mapping[str, FileUse]) -> RecordingError:
         if NO_MOCAP in common else
         "give longer or faster drives: a window is 2 s and starts above 0.3 m/s; "
         "dart-hal data check says how many a file has")
+
+
+def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:
+    """Remove the effects of the vehicle on the poses of recordings.
+
+    l_r: from the centre of mass to the rear axle [m], by which the recordings were read.
+    """
+    if not signals(p, "pose"):
+        return cases
+    return [replace(case, grid=remove_mocap_effects(case.grid, p, l_r)) for case in cases]

@@ -10,14 +10,14 @@ from typing import Any
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.battery import state_fade_law
 from dart_lab.identification.drive_form import check_drive
 from dart_lab.identification.prediction.rollout import Progress
 from dart_lab.identification.prediction.windows import HORIZONS
 
-from .cases import Prepared, prepare
+from .cases import Prepared, correct_poses, prepare
 from .compare import Gain, gains
 from .prediction import errors, measured, predict, predict_ctrv
 from .scores import Score, score
@@ -74,15 +74,20 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
     p = apply_parameter_effects(p)
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
                        skipped=skipped)
-    cases = prepared.cases
+    # What the model says about the motion capture is removed from its poses, as in a diagnosis.
+    cases = tuple(correct_poses(p, prepared.cases, p.body.l_r))
+    of_poses = [one.name for one, _ in signals(p, "pose")]
+    removed = ([f"removed from the measured poses: {', '.join(of_poses)} of the model"]
+               if of_poses else [])
     truth = measured(cases)
 
     def score_states(states: FloatArray) -> Score:
         return score(errors(states, truth), cases)
 
     share = (lambda done: progress(0.6 * done)) if progress else None
-    out = Evaluation(p, prepared, score_states(predict(p, cases, share, each)),
+    model = score_states(predict(p, cases, share, each))
+    out = Evaluation(p, replace(prepared, cases=cases), model,
                      score_states(predict_ctrv(cases)), None,
                      tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to),
-                     tuple(state_fade_law(p, recordings)))
+                     (*removed, *state_fade_law(p, recordings)))
     return replace(out, limit=kinematic_limit(p, cases)) if limit else out
