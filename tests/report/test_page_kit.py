@@ -162,3 +162,11 @@ def test_a_moment_of_a_run_links_to_its_replay():
     assert "dart-hal view runs/one.mcap" in link
     # Negative control: the page plays runs of this program only.
     assert page.link_replay("12.3", "one.csv", 12.345) == "12.3"
+
+
+def test_a_long_link_breaks_as_long_text_does():
+    """Else a table of links pushes its other columns off the page."""
+    link = el("a", "turns its wheels faster than it moves", href="#cause-1")
+    assert 'class="l"' in table(("", "size"), [[link, "1 N"]])
+    short = el("a", "mass", href="#a-very-long-anchor-that-is-not-shown")
+    assert 'class="l"' not in table(("", "size"), [[short, "1 N"]])

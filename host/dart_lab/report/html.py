@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 # Elements without an end tag.
 VOID = frozenset({"br", "hr", "img", "meta", "wbr"})
 # Characters up to which a table cell is kept on one line.
 MAX_UNBROKEN_CELL = 24
+# Markup within a cell, which has no width.
+TAG = re.compile("<[^>]*>")
 
 
 class Html(str):
@@ -57,7 +60,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
     def cells(kind: str, row: Sequence[str]) -> Html:
         out = []
         for i, cell in enumerate(row):
-            long = not isinstance(cell, Html) and len(cell) > MAX_UNBROKEN_CELL
+            text = TAG.sub("", cell) if isinstance(cell, Html) else cell
+            long = len(text) > MAX_UNBROKEN_CELL
             number = i >= numbers and (kind == "th" or not long)
             out.append(el(kind, cell, class_="n" if number else "l" if long else "s"))
         return el("tr", *out)
