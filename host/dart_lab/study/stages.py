@@ -39,9 +39,10 @@ from dart_lab.diagnosis.motion import driving_seconds
 from dart_lab.diagnosis.parameters.groups import make_groups
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import write_page
+from dart_lab.diagnosis.report.data_problems import data_problems
 from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.next_drive import NOTHING_TO_SUGGEST
-from dart_lab.diagnosis.report.summary import headline, summary_lines
+from dart_lab.diagnosis.report.summary import first_step, headline, summary_lines
 from dart_lab.diagnosis.split import hold_out
 from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 from dart_lab.diagnosis.write import write_model
@@ -387,7 +388,8 @@ def _diagnose(study: Study, progress: Progress | None) -> StageResult:
                                *(p.sentence() for p in drives)])
     return StageResult("diagnosis", headline(d), (*summary_lines(d), *causes,
                                                   f"report: {DIAGNOSIS_PAGE}"), (),
-                       {**d.to_json(), "next_drives": list(sentences)})
+                       {**d.to_json(), "next_drives": list(sentences),
+                        "first_step": first_step(d) if data_problems(d) else ""})
 
 
 def _suggest(study: Study, progress: Progress | None) -> StageResult:
@@ -398,7 +400,10 @@ def _suggest(study: Study, progress: Progress | None) -> StageResult:
         raise UsageError("there is no diagnosis yet", found=f"no result in {study.folder}",
                          expected="the result of the stage diagnosis",
                          remedy="run it: --stage diagnosis")
-    sentences = tuple(diagnosis.facts["next_drives"]) or (NOTHING_TO_SUGGEST,)
+    # A problem of the data comes before any other drive.
+    first = diagnosis.facts.get("first_step", "")
+    sentences = tuple(filter(None, (first, *diagnosis.facts["next_drives"]))) or (
+        NOTHING_TO_SUGGEST,)
     # What the fit lacks is worth a drive, whether or not the diagnosis needs one.
     prediction = load_results(study.folder).get("identifiability")
     lacks = () if prediction is None else prediction.lines
