@@ -85,9 +85,9 @@ class CameraDevice:
         if not any("YES" in line for line in lines):
             raise UsageError(f"{self.name}: this OpenCV has no GStreamer",
                              found=f"opencv {cv2.__version__} in {cv2.__file__}",
-                             expected="the OpenCV of JetPack, which has it",
-                             remedy="pip uninstall opencv-python-headless; a virtual environment "
-                                    "with --system-site-packages finds JetPack's")
+                             expected="an OpenCV with GStreamer, built for this Python: that of "
+                                      "JetPack is for its own",
+                             remedy="build OpenCV with GStreamer, or use a USB camera: usb:0")
         return _CSI.format(number=self.place, width=self.width, height=self.height, fps=self.fps)
 
 
