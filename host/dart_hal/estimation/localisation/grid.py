@@ -234,6 +234,7 @@ def compute_wall_std(grid: Grid) -> float:
     """
     shares = []
     for occupied in (grid.occupied, grid.occupied.T):
+        # Runs of occupied cells: their row, first and last column.
         cells = np.pad(occupied, ((1, 1), (2, 2)))
         change = np.diff(cells.astype(np.int8), axis=1)
         row, first = np.nonzero(change > 0)
@@ -245,6 +246,7 @@ def compute_wall_std(grid: Grid) -> float:
             found: BoolArray = cells[rows, end] | cells[rows, end + outward]
             return found
 
+        # Runs that leave their row upwards at one end and downwards at the other.
         left_up = continues(row + 1, first, -1)
         left_down = continues(row - 1, first, -1)
         right_up = continues(row + 1, last, 1)
@@ -257,6 +259,7 @@ def compute_wall_std(grid: Grid) -> float:
 
 
 def _single_cells(occupied: BoolArray) -> FloatArray:
+    """Lines x1, y1, x2, y2 of no length at occupied cells."""
     row, column = np.nonzero(occupied)
     return np.column_stack((column, row, column, row)).astype(np.float64)
 
