@@ -37,8 +37,9 @@ NOT_OBSERVED = ("position, side slip, the mocap's own errors and their consequen
 
 # Channel of ``Messages`` by which a sensor is present.
 SENSOR_CHANNELS = {"encoder": "speed", "gyro": "yaw_rate", "accelerometer": "accel_y"}
-# Messages with the same stamp and readings that two recordings share by being parts of one, 1 s.
-MIN_SHARED_MESSAGES = 10
+# Share of the messages of a test recording with stamp and readings of a training recording that
+# make it a part of that. Simulated drives of one seed are the same until their commands differ.
+MIN_SHARED_MESSAGES = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +146,10 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
     """Raise UsageError for a file, by its content or by a part of it, that is in both sets."""
     training = {r.sha256: r.name for r in train}
     moments = set().union(*map(_list_moments, train))
-    both = [r.name for r in test if r.sha256 in training
-            or len(_list_moments(r) & moments) >= MIN_SHARED_MESSAGES]
+    shared = [len(own & moments) > MIN_SHARED_MESSAGES * len(own)
+              for own in map(_list_moments, test)]
+    both = [r.name for r, is_part in zip(test, shared, strict=True)
+            if r.sha256 in training or is_part]
     if not both:
         return
     same = {r.sha256 for r in test} == set(training)
