@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.identification.evidence import noise
 from dart_lab.identification.evidence.noise import estimate_noise
 from dart_lab.identification.evidence.residuals import Residuals
 
@@ -56,22 +55,6 @@ def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
     blocks = np.arange(WINDOWS), np.arange(WINDOWS)
     certain = estimate_noise(quiet, blocks, sensitivity=older).age_scale
     assert (certain == 1.0).all(), "one age for all is what a fit finds"
-
-
-def whiten_bias(bias):
-    """Largest mean of a whitened column; bias [standard deviations]: common error of 16 windows."""
-    rng = np.random.default_rng(3)
-    mixed = rng.normal(size=(16, 6)) @ rng.normal(size=(6, 6))
-    residuals = Residuals(mixed + bias * np.std(mixed, axis=0), np.zeros((0, 4)))
-    blocks = np.arange(16), np.arange(0)
-    return np.abs(estimate_noise(residuals, blocks).whiten(residuals)[0].mean(axis=0)).max()
-
-
-def test_an_error_that_all_windows_have_is_no_noise(monkeypatch):
-    """Control: about zero, an error grows its own noise and never exceeds one deviation."""
-    assert whiten_bias(3.0) > 5.0
-    monkeypatch.setattr(noise, "_centre", lambda x: x)
-    assert whiten_bias(3.0) < 1.5
 
 
 def test_no_sensor_is_known_better_than_it_counts():

@@ -2,9 +2,7 @@
 
 e (n, k): motion residuals in SI units, one row for each window. b: blocks of time. c = ``robust``.
 
-    r = e L^-T,  L L^T = robust covariance of e about its median, because the read-outs of one
-                         window are correlated. What all windows have in common is no noise: about
-                         0, a cause with a constant effect would be a part of it
+    r = e L^-T,  L L^T = robust covariance of e, because the read-outs of one window are correlated
     w = min(1, sum_i r_i^2 / sum_b (sum_(i in b) r_i)^2)  for each column of r, because neighbours
                                                           in time are correlated
     rho(r) = 2 c^2 (sqrt(1 + (r / c)^2) - 1)              soft L1: r^2 for small r
@@ -129,9 +127,10 @@ def estimate_noise(r: Residuals, blocks: tuple[IntArray, IntArray],
     motion, read = unweighted.whiten(r)
     # 3. Weights: residuals are correlated in time, so n of them are worth fewer independent ones.
     #    Overlapping windows predict each sample several times.
+    centred = read - np.median(read, axis=0) if len(read) else read
     weight = np.concatenate([
-        np.minimum(_effective_weight(_centre(motion), blocks[0], CLIP), 1.0 / overlap),
-        _effective_weight(_centre(read), blocks[1], CLIP)])
+        np.minimum(_effective_weight(motion, blocks[0], CLIP), 1.0 / overlap),
+        _effective_weight(centred, blocks[1], CLIP)])
     return replace(unweighted, weight=weight)
 
 
@@ -176,16 +175,11 @@ def _age_variance(motion: FloatArray, sensitivity: FloatArray, relative: FloatAr
 def _whitener(motion: FloatArray, policy: NoisePolicy) -> FloatArray:
     """Return L^-1 of the robust covariance L L^T: clipped residuals, with a ridge."""
     size = _robust_std(motion)
-    scaled = np.clip(_centre(motion) / size, -CLIP, CLIP)
+    scaled = np.clip(motion / size, -CLIP, CLIP)
     # With the covariance L L^T of rows, L^-1 row has the covariance I.
     covariance = scaled.T @ scaled / max(len(scaled), 1) + policy.ridge * np.eye(
         scaled.shape[1])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)) / size)
-
-
-def _centre(x: FloatArray) -> FloatArray:
-    """Subtract the median of each column (n, c), which is an error of the model and no noise."""
-    return x - np.median(x, axis=0) if len(x) else x
 
 
 def _robust_std(x: FloatArray) -> FloatArray:
