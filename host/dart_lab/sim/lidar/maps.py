@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
+from dart_hal.estimation.localisation.grid import middle_lines_of_grid, read_grid
 from dart_lab.sim.lidar.lanes import HALL_MARGIN, LANE_PATHS, draw_start, lane_boards
 
 # Distance from the middle of the track to its boards [m]; its straights have a distance of 1.5 m.
@@ -161,7 +161,8 @@ def room_of(name: str, seed: int) -> RoomMap:
         raise UsageError(f"map={name} is no room", found=name,
                          expected=f"{', '.join(ROOMS)}, or the YAML file of a map_server map")
     grid = read_grid(File(name))
-    lines = lines_of_grid(grid)
+    # As the localiser takes them: a wall is at the middle of its cells.
+    lines = middle_lines_of_grid(grid)
     if not len(lines):
         raise UsageError(f"{name}: the map has no wall", found="no occupied cell", read=name)
     low = grid.origin
