@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.localisation.grid import middle_lines_of_grid, read_grid
+from dart_hal.estimation.localisation.grid import Grid, middle_lines_of_grid, read_grid
 from dart_lab.sim.lidar.lanes import HALL_MARGIN, LANE_PATHS, draw_start, lane_boards
 
 # Distance from the middle of the track to its boards [m]; its straights have a distance of 1.5 m.
@@ -152,6 +152,20 @@ ROOMS: dict[str, Callable[[np.random.Generator], RoomMap]] = {
     **{name: partial(_make_lane, name) for name in LANE_PATHS}}
 
 
+def _find_walls(grid: Grid) -> FloatArray:
+    """Return the walls (m, 4) [m] of a map in cells, where the localiser takes them to be.
+
+    A wall is at the middle of its cells. A single cell is a cross as wide as the cell.
+    """
+    lines = middle_lines_of_grid(grid)
+    single = np.all(lines[:, :2] == lines[:, 2:], axis=1)
+    posts = lines[single]
+    half = 0.5 * grid.cell
+    level = np.array((-half, 0.0, half, 0.0))
+    upright = np.array((0.0, -half, 0.0, half))
+    return np.vstack((lines[~single], posts + level, posts + upright))
+
+
 def room_of(name: str, seed: int) -> RoomMap:
     """Return the room of ``map=NAME``. Raises UsageError for unknown names and invalid files."""
     rng = np.random.default_rng([seed, 511])
@@ -161,8 +175,7 @@ def room_of(name: str, seed: int) -> RoomMap:
         raise UsageError(f"map={name} is no room", found=name,
                          expected=f"{', '.join(ROOMS)}, or the YAML file of a map_server map")
     grid = read_grid(File(name))
-    # As the localiser takes them: a wall is at the middle of its cells.
-    lines = middle_lines_of_grid(grid)
+    lines = _find_walls(grid)
     if not len(lines):
         raise UsageError(f"{name}: the map has no wall", found="no occupied cell", read=name)
     low = grid.origin
