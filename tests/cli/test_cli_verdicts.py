@@ -150,7 +150,8 @@ def test_study_begins_with_its_verdict(capsys):
     printed = capsys.readouterr()
     verdict, errors, first = beginning(printed.out)
     assert verdict == "Nothing is missing."
-    assert errors.startswith("errors 1 s ahead on the test recordings: speed 0.312 -> 0.1 m/s, ")
+    assert errors.startswith("errors 1 s ahead on the test recordings, start model -> "
+                             "model.toml: speed 0.312 -> 0.1 m/s, ")
     assert first == "First: drive circles"
     assert "3 notices (--full)" in printed.err
 

@@ -96,18 +96,18 @@ def write_map(folder, origin="[-1.0, -0.5, 0.0]", head=b"P5\n# made by hand\n60 
     return path
 
 
-def test_a_map_of_map_server_is_its_outlines(tmp_path):
+def test_a_map_of_map_server_has_walls_at_the_middles_of_its_cells(tmp_path):
     path = write_map(tmp_path)
     room = room_of(str(path), 1)
-    assert len(room.lines) == 4 + 4 + 4  # outer, inner edge of the wall, the block
+    assert len(room.lines) == 4 + 6 + 4  # the wall of one cell; columns and rows of the block
     length = np.hypot(*(room.lines[:, 2:] - room.lines[:, :2]).T).sum()
-    assert length == pytest.approx(0.05 * (2 * (60 + 40) + 2 * (58 + 38) + 2 * (6 + 4)))
+    assert length == pytest.approx(0.05 * (2 * (59 + 39) + 6 * 3 + 4 * 5))
     grid = read_grid(path)
     x, y, _ = room.start
     assert grid.is_free(x, y)
     # the block: columns 30 to 36, rows 26 to 30 from the bottom
     block = rays.cast_numpy(room.lines, np.array(((-0.5, 0.9),)), np.array(((1.0, 0.0),)))
-    assert block[0] == pytest.approx(-1.0 + 30 * 0.05 + 0.5)
+    assert block[0] == pytest.approx(-1.0 + 30.5 * 0.05 + 0.5)
 
 
 YAML = ("image: hall.pgm\nresolution: 0.05\norigin: [-1.0, -0.5, 0.0]\nnegate: 0\n"

@@ -63,7 +63,7 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> External
 
     if source.on_board:
         return ExternalPoseEstimator(odometry, make_axle_marker(mount_std(files)), own_clock=True,
-                                     map_errors=list_map_errors(getattr(source, "map_std", 0.0)))
+                                     map_errors=list_map_errors(source.map_std))
     table = files.calibration.mocap if files.calibration else None
     if table is None:
         return ExternalPoseEstimator(odometry)

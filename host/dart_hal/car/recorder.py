@@ -247,7 +247,8 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     writer = RunWriter(path, url=backend.url.text, car=files.config.name, start=engine.now,
                        files=texts, now=None if backend.virtual else engine.now,
-                       map_std=getattr(backend.poses, "map_std", 0.0))
+                       map_std=backend.poses.map_std if (
+                           backend.poses is not None and backend.poses.on_board) else 0.0)
     # Everything that passes goes to the writer from now on.
     engine.hooks.writer = writer
     engine.writer = writer

@@ -148,6 +148,7 @@ class SimMocap:
     name = "the motion capture of sim://"
 
     on_board = False
+    map_std = 0.0
 
     def __init__(self, world: World, params: MocapParams) -> None:
         self._world = world

@@ -71,6 +71,7 @@ def test_poses_made_on_board_need_no_marker(monkeypatch):
     """By the attributes of the source, for any class."""
     class Source:
         name = "another localiser"
+        map_std = 0.0
 
         def poll(self, now):
             return []

@@ -12,11 +12,13 @@ class PoseSource(Protocol):
     """A stream of poses of one body. ``name``: its name in messages.
 
     ``on_board``: the car computes the poses itself; they are poses of the rear axle, with stamps
-    of the car's clock. A source with a map may have ``map_std`` [m]: standard error of its walls.
+    of the car's clock. ``map_std`` [m]: standard error of the walls of its map, 0 without one; read
+    of a source on board only.
     """
 
     name: str
     on_board: bool
+    map_std: float
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
         """Return the poses since the last call, in the order of arrival; never blocks.

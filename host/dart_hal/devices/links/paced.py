@@ -112,6 +112,7 @@ class PacedPoses:
     def __init__(self, source: PoseSource, link: PacedLink) -> None:
         self.name = source.name
         self.on_board = source.on_board
+        self.map_std = source.map_std if source.on_board else 0.0
         self._source = source
         self._link = link
 

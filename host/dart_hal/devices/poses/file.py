@@ -20,6 +20,7 @@ class FileSource:
     """Source of poses: the first row arrives at the first poll, the others by their stamps."""
 
     on_board = False
+    map_std = 0.0
 
     def __init__(self, path: Path, readings: Iterable[PoseReading]) -> None:
         self.name = f"file://{path}"

@@ -30,6 +30,7 @@ class NatNetSource:
     """
 
     on_board = False
+    map_std = 0.0
 
     def __init__(self, host: str, port: int, convention: Convention, name: str,
                  clock: Callable[[], float] = elapsed) -> None:

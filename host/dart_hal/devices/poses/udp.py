@@ -156,6 +156,7 @@ class UdpSource:
     """
 
     on_board = False
+    map_std = 0.0
 
     def __init__(self, datagrams: Datagrams, parse: Parse, convention: Convention,
                  name: str) -> None:

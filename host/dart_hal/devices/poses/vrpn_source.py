@@ -27,6 +27,7 @@ class VrpnSource:
     ``connections``: number of connections so far."""
 
     on_board = False
+    map_std = 0.0
 
     def __init__(self, host: str, port: int, sensor: int, convention: Convention, name: str,
                  clock: Callable[[], float] = elapsed) -> None:
