@@ -100,18 +100,25 @@ def command_raw_pulses():
     """Command a pulse above neutral in ``raw()``; return the greatest true speed and the error."""
     backend = open_backend(SWAPPED_URL.format(seed=3) + "&nano=mock")
     world = world_of(backend)
+    witness = Witness(world)
     fastest = 0.0
+    message = ""
     with Car.over(backend) as car:
         try:
             with car.raw():
                 for _ in car.states(duration=1.5):
+                    witness.record_mode(world.t, car.mode)
+                    witness.record_command(world.t, world.t + VALID_FOR)
                     car.pulses(steering_us=1500.0, throttle_us=1650.0)
                     fastest = max(fastest, abs(world.truth().v_x))
         except BadCommand as error:
-            for state in car.states(duration=0.5):
-                assert state.applied.throttle == 0.0
-            return fastest, str(error)
-    return fastest, ""
+            message = str(error)
+        for state in car.states(duration=0.5):
+            witness.record_mode(world.t, car.mode)
+            assert state.applied.throttle == 0.0 or not message
+    assert any(length > 1600.0 for *_, length in witness.pulses), "control: it drove at the pin"
+    witness.check(cutoff="none")
+    return fastest, message
 
 
 def test_raw_pulses_end_too():
