@@ -64,7 +64,7 @@ def test_copies_that_differ_are_reported(write, table_b):
     recording = read(write(table, "differ.csv"))
     (note,) = [note for note in recording.notes if note.kind == "differing_copies"]
     assert "steering" in note.why
-    assert note.rows == 60
+    assert note.rows == 540
     assert np.all(recording.messages.steering == 0.3)
 
 

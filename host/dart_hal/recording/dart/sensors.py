@@ -98,8 +98,9 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
 
 
 def _note_differing_copies(columns: dict[str, FloatArray], fresh: BoolArray) -> list[Note]:
-    """Return a note if rows with the stamp of the row before have other values than it."""
-    changed = {name: int((~fresh[1:] & (np.diff(columns[name]) != 0.0)).sum())
+    """Return a note if rows have other values than the first row of their stamp."""
+    first = np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
+    changed = {name: int((columns[name] != columns[name][first]).sum())
                for name in SENSOR_COLUMNS if name != SENSOR_TIME}
     names = [name for name, rows in changed.items() if rows]
     if not names:
