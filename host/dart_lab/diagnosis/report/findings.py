@@ -10,7 +10,7 @@ from dart_lab.report.numbers import percent
 
 from .explain import is_small, is_small_change
 from .physical import main_size
-from .words import channel, quantity_change, short_title
+from .words import channel, describe_share, quantity_change, short_title
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +65,11 @@ def _describe_share(gain: float, low: float, high: float, error: str) -> str:
     """Return what a finding changes of an error, with its interval; "" if it is not known."""
     if not math.isfinite(gain):
         return ""
-    shares = (gain, low, high) if gain >= 0.0 else (-gain, -high, -low)
-    size, least, most = (percent(share) for share in shares)
-    known = f" ({least} to {most})" if math.isfinite(low + high) else ""
-    return (f"removes {size}{known} of the {error} error" if gain >= 0.0
-            else f"raises the {error} error by {size}{known}")
+    return describe_share(gain, low, high, error, _format_limits)
+
+
+def _format_limits(low: float, high: float) -> str:
+    return f" ({percent(low)} to {percent(high)})" if math.isfinite(low + high) else ""
 
 
 def _significance(q: QuantityChange) -> tuple[bool, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from dart_hal.vehicle.effects import catalogue
@@ -99,17 +99,23 @@ def removes(gain: ErrorReduction) -> str:
 
 def share_of(gain: ErrorReduction) -> str:
     """"removes 24 % [13 %, 33 %] of the speed error", or "raises the speed error by ..."."""
-    name = channel(gain.channel)
-    if gain.test < 0.0:
-        worse = _format_interval(-gain.high, -gain.low)
-        return f"raises the {name} error by {percent(-gain.test)} {worse}"
-    limits = _format_interval(gain.low, gain.high)
-    return f"removes {percent(gain.test)} {limits} of the {name} error"
+    return describe_share(gain.test, gain.low, gain.high, channel(gain.channel), _format_interval)
+
+
+def describe_share(share: float, low: float, high: float, error: str,
+                   format_limits: Callable[[float, float], str]) -> str:
+    """Describe a share of an error that is removed, or by which it rises.
+
+    format_limits: formats the interval, with a space before it.
+    """
+    if share < 0.0:
+        return f"raises the {error} error by {percent(-share)}{format_limits(-high, -low)}"
+    return f"removes {percent(share)}{format_limits(low, high)} of the {error} error"
 
 
 def _format_interval(low: float, high: float) -> str:
     known = math.isfinite(low) and math.isfinite(high)
-    return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
+    return f" [{percent(low)}, {percent(high)}]" if known else f" ({NO_INTERVAL})"
 
 
 def interval(gain: ErrorReduction) -> str:
