@@ -208,6 +208,7 @@ def test_refusals():
                 lambda: make(randomise={"body.l_f": 0.1}), lambda: make(randomise={"mass": 0.1}),
                 lambda: make(randomise={"body.mass": "a"}), lambda: make(randomise="all"),
                 lambda: make(speed="fast"), lambda: make(period=None), lambda: make(beams=3.5),
+                lambda: make(opponents=float("inf")),
                 lambda: env.reset(options={"rain": 1}),
                 lambda: env.reset(options={"randomise": {"body.mass": 1.5}})):
         with pytest.raises(UsageError):

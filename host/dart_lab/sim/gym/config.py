@@ -73,7 +73,7 @@ class GymConfig:
                      "opponents"):
             given = getattr(self, name)
             whole = name in ("beams", "opponents")
-            if not is_number(given) or (whole and given != int(given)):
+            if not is_number(given) or (whole and not float(given).is_integer()):
                 raise UsageError(f"{name} of the environment is no number", found=repr(given),
                                  expected="a whole number" if whole else "a number",
                                  remedy="docs/how_to/learning.md has every keyword")
