@@ -194,5 +194,7 @@ def _explain_missing_pose(found: dict[str, Any]) -> str:
         return "the scans turn against the gyro: check inverted in [lidar]"
     if found["status"] == Status.AMBIGUOUS:
         return "the room looks the same from several places of the map: state --start X,Y,YAW"
+    if found["status"] != Status.LOST:
+        return "the last scan alone gave none"
     return (f"the map explains {100.0 * found['agreement']:.0f} % of the last scan; check that it "
             "is of this room, and the mounting in [lidar]")
