@@ -252,7 +252,7 @@ def draw_in_cells(lines: FloatArray, cell: float, rng: np.random.Generator) -> G
 
 def run(found: Drive, *, known: bool = True, deskew: bool = True, late: float = 0.010,
         localiser: Localiser | None = None, until_lost: bool = False) -> Result:
-    """Let a localiser follow a drive; poses are compared at the time that they are told for.
+    """Let a localiser follow a drive; poses are compared at their own times.
 
     The covariance contains the errors of the map.
     """

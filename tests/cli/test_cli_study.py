@@ -42,7 +42,7 @@ def test_a_whole_study_has_a_page_and_repeats_a_stage(verb, folder, tmp_path):
     assert (saved / "3_fit.json").read_bytes() == before
 
 
-def test_a_study_without_a_usable_recording_says_why(verb, tmp_path):
+def test_a_study_without_a_usable_recording_states_why(verb, tmp_path):
     recording, _ = simulate_recording(5, seconds=4.0)
     write_table(table_of(recording, "B"), tmp_path / "short.csv")
     ran = verb("study", tmp_path / "short.csv", "--out", tmp_path / "study")

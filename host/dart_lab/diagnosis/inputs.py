@@ -39,7 +39,7 @@ NOT_OBSERVED = ("position, side slip, the mocap's own errors and their consequen
 SENSOR_CHANNELS = {"encoder": "speed", "gyro": "yaw_rate", "accelerometer": "accel_y"}
 # Share of the messages of a test recording with stamp and readings of a training recording that
 # make it a part of that. Simulated drives of one seed are the same until their commands differ.
-MIN_SHARED_MESSAGES = 0.5
+MIN_SHARED_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> Non
     """Raise UsageError for a file, by its content or by a part of it, that is in both sets."""
     training = {r.sha256: r.name for r in train}
     moments = set().union(*map(_list_moments, train))
-    shared = [len(own & moments) > MIN_SHARED_MESSAGES * len(own)
+    shared = [len(own & moments) > MIN_SHARED_SHARE * len(own)
               for own in map(_list_moments, test)]
     both = [r.name for r, is_part in zip(test, shared, strict=True)
             if r.sha256 in training or is_part]

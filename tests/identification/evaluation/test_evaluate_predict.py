@@ -118,8 +118,7 @@ def test_at_the_measured_speed_only_the_turning_is_predicted(driven):
 
 
 def test_effects_of_the_model_on_the_poses_are_removed_from_them():
-    """A marker frame stated 0.05 rad wrong, and a model that says so; control: by the frame alone.
-    """
+    """A marker frame that is 0.05 rad off, and a model that knows it; control: the frame alone."""
     frame = Reference(0.1, 0.02, 0.0)
     wrong = replace(frame, theta=0.07)
     recording, _ = simulate_recording(3, seconds=20.0, frame=frame)

@@ -191,10 +191,10 @@ def middle_lines_of_grid(grid: Grid) -> FloatArray:
     middle, and it has no sides. An occupied cell without neighbours in its row or column is a line
     of no length.
     """
-    level, beside_level = _horizontal_runs(grid.occupied)
-    upright, beside_upright = _horizontal_runs(grid.occupied.T)
+    level, in_level_run = _horizontal_runs(grid.occupied)
+    upright, in_upright_run = _horizontal_runs(grid.occupied.T)
     cells = np.vstack((level, upright[:, [1, 0, 3, 2]], _diagonal_steps(grid.occupied),
-                       _single_cells(grid.occupied & ~beside_level & ~beside_upright.T)))
+                       _single_cells(grid.occupied & ~in_level_run & ~in_upright_run.T)))
     scaled: FloatArray = (cells + 0.5) * grid.cell + np.tile(grid.origin, 2)
     return scaled
 

@@ -67,14 +67,14 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
 
     fitted_to: SHA-256 of the files that the model was fitted to. Other options and errors as for
     ``prepare``, and UsageError for a motor of another form than the recordings; progress(share)
-    reports each batch.
+    reports each batch. Effects of the model on motion capture are removed from the measured poses.
     """
     check_drive(recordings, p)
     # An effect may move the centre of mass, at which the grids are computed.
     p = apply_parameter_effects(p)
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
                        skipped=skipped)
-    # What the model says about the motion capture is removed from its poses, as in a diagnosis.
+    # As in a diagnosis.
     cases = tuple(correct_poses(p, prepared.cases, p.body.l_r))
     of_poses = [one.name for one, _ in signals(p, "pose")]
     removed = ([f"removed from the measured poses: {', '.join(of_poses)} of the model"]
