@@ -86,3 +86,10 @@ class Witness:
         before = self.pulses[k - 1][1] if k else -1.0
         after = self.pulses[k + 1][0] if k + 1 < len(self.pulses) else self.world.t
         return rise - before > GAP or after - fall > GAP
+
+
+def no_pulse(bus) -> bool:
+    """Whether neither servo nor ESC gets a pulse."""
+    leds = bytearray(8)
+    bus.writeto_then_readfrom(0x40, b"\x06", leds)
+    return bool(leds[3] & 0x10 and leds[7] & 0x10)

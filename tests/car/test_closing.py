@@ -11,6 +11,7 @@ from dart_hal.core.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.run import RunReader
+from tests.car.pin_witness import no_pulse
 from tests.common import MOCK_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -22,13 +23,6 @@ def throttle_counts(bus) -> int:
     pair = bytearray(2)
     bus.writeto_then_readfrom(0x40, b"\x0c", pair)
     return pair[0] | (pair[1] & 0x1F) << 8
-
-
-def no_pulse(bus) -> bool:
-    """Whether neither servo nor ESC gets a pulse."""
-    leds = bytearray(8)
-    bus.writeto_then_readfrom(0x40, b"\x06", leds)
-    return bool(leds[3] & 0x10 and leds[7] & 0x10)
 
 
 def driving(tmp_path, record=None):

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from tests.car.pin_witness import no_pulse
 
 
 class Guard:
-    """In the place of ``GuardPost``: it has noticed a hang of this program, or has not."""
+    """In the place of ``GuardPost``: it has noticed a hang of this program, or has not.
+
+    ``at_close``: what it does to the bus when the car ends it.
+    """
 
     age = 0.0
 
-    def __init__(self, tripped: bool = False) -> None:
+    def __init__(self, tripped: bool = False,
+                 at_close: Callable[[], object] = lambda: None) -> None:
         self.tripped = tripped
+        self.at_close = at_close
         self.beats: list[tuple[bool, bool]] = []
 
     def beat(self, *, at_neutral: bool, off: bool = False) -> None:
@@ -22,6 +31,7 @@ class Guard:
 
     def close(self, *, at_neutral: bool) -> None:
         """Nothing runs."""
+        self.at_close()
 
 
 @pytest.mark.slow_except("True-0.2", "False-0.0")
@@ -57,3 +67,22 @@ def test_the_guard_receives_whether_the_car_is_at_neutral_and_whether_pulses_are
         assert last_beat(car, 0.2) == (False, False)
         car._engine.driver.supervisor.silence(car.now, "MOVES_AT_NEUTRAL")
         assert last_beat(car, 0.2) == (True, True)
+
+
+def test_the_guard_gets_signs_of_life_while_the_car_closes():
+    """Ten frames of neutral last longer than the silence after which a guard trips."""
+    with Car.open("sim://?nano=mock") as car:
+        car.arm()
+        car._engine.driver._guard = guard = Guard()
+    assert guard.beats == [(True, False)] * NEUTRAL_FRAMES + [(True, True)]
+
+
+def test_neutral_that_a_guard_wrote_late_is_ended_too():
+    """A guard that trips while the car closes may write after the last write of the car."""
+    with Car.open("sim://?nano=mock") as car:
+        car.arm()
+        bus = car._engine.backend.bus
+        car._engine.driver._guard = Guard(
+            at_close=lambda: bus.writeto(0x40, bytes([0x0A, 0, 0, 0x33, 0x01])))
+    assert no_pulse(bus)
+    assert car._engine.driver.applied.throttle_us == 0.0

@@ -7,6 +7,7 @@ frame step writes it at once, without waiting for the next PWM frame.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 from dart_hal.car.cutoff_test import CutoffTest
@@ -131,15 +132,26 @@ class Driver:
             self._guard.ready()
 
     def close(self, now: float) -> None:
-        """Write neutral for two frames. If that fails, the guard or the cut-off stops the car."""
+        """Write neutral for some frames, then end the pulses and the guard.
+
+        If a write fails, the guard or the cut-off stops the car.
+        """
         self.supervisor.event(Event.CLOSE, now)
-        neutral = True
+        guard = self._guard
+        if guard is None:
+            with suppress(BusError):
+                self.actuator.close()
+            return
+        written = True
         try:
-            self.actuator.close()
+            self.actuator.close(lambda off: guard.beat(at_neutral=True, off=off))
         except BusError:
-            neutral = False
-        if self._guard is not None:
-            self._guard.close(at_neutral=neutral)
+            written = False
+        guard.close(at_neutral=written)
+        # A guard that tripped meanwhile may have written neutral after the pulses had ended.
+        if written:
+            with suppress(BusError):
+                self.actuator.end_pulses()
 
     def lost(self, now: float) -> None:
         """Write neutral at once after the link has been lost."""

@@ -114,11 +114,13 @@ class Actuator:
         self._opened = True
         return self.applied
 
-    def close(self) -> None:
+    def close(self, beat: Callable[[bool], None] = lambda off: None) -> None:
         """Write neutral and the last steering for ``NEUTRAL_FRAMES``, then end all pulses.
 
         No pulse remains, since after closing no sensor shows whether the neutral drives the car.
         The chip is not put to sleep: it would keep the old pulse until it wakes.
+
+        beat: called before each write, with whether the write ends the pulses.
         Raises BusError when a write fails.
         """
         if not self._opened:
@@ -129,12 +131,18 @@ class Actuator:
         counts = self._rest_counts(self._planner.angle)
         try:
             for _ in range(0 if off else NEUTRAL_FRAMES):
+                beat(False)
                 self._send(counts)
                 self._sleep(self.pca.frame)
         finally:
-            if self._sending:
-                self.pca.all_off()
+            beat(True)
+            self.end_pulses()
             self.applied = self._to_applied(_NO_PULSES, OFF_DEMAND.why)
+
+    def end_pulses(self) -> None:
+        """Switch off all channels. Raises BusError."""
+        if self._sending:
+            self.pca.all_off()
 
     # -- commands --------------------------------------------------------
 
