@@ -32,9 +32,11 @@ from dart_hal.vehicle.sets import PAPER
 from dart_lab.cli.data import check_command
 from dart_lab.cli.identify import command as identify_command
 from dart_lab.diagnosis.inputs import check_inputs
+from dart_lab.importing import read_tables
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.mixed_cars import halve, read_responses
+from studies.diagnosis.other_car import write_log
 from tests.common import EXCERPT
 from tests.recorded.test_effects_hidden_in_another_cars_log import LOG
 
@@ -194,3 +196,25 @@ def test_filters_of_the_response_are_those_of_scipy():
     follows, _ = lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])
     use = np.ones(len(values), dtype=np.bool_)
     assert _filter_command(values, 0.3 + follows, use) == pytest.approx(follows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trim", [-0.2, 0.16])
+def test_parts_of_one_log_with_a_large_trim_are_of_one_car(tmp_path, trim):
+    """At the command 0 such a car turns: curvature over command is no measure of its gain."""
+    (table,) = read_tables([LOG])
+    (whole,), _ = read_any([write_log(dict(table.columns), tmp_path / "log.mcap")])
+    columns = {key: values[1500:7500] for key, values in table.columns.items()}
+    columns["steering"] = np.clip(columns["steering"] - trim, -1.0, 1.0)
+    frame = replace(whole.marker, source="stated", std=None)
+    parts = [write_log({key: values[rows] for key, values in columns.items()}, tmp_path / file)
+             for file, rows in (("a.mcap", slice(0, 3600)), ("b.mcap", slice(3600, None)))]
+    assert find_car_difference(read_any(parts, reference=frame)[0]) is None
+
+
+@pytest.mark.slow
+def test_cars_with_a_large_trim_that_steer_differently_are_two(drive):
+    ours = [drive(1, steering_trim=0.12), drive(2, steering_trim=0.1)]
+    assert find_car_difference(ours) is None
+    theirs = drive(3, steering_trim=0.12, steering_gain=-0.45)
+    assert find_car_difference([*ours, theirs]).kind.startswith("steering")

@@ -65,6 +65,8 @@ NODE_STEP = 0.25
 NODES = np.arange(-1.0, 1.01, NODE_STEP)
 NODE_TRIM = 0.1
 NODE_DEVIATION = 0.5
+# Width of the prior of the mean slope, relative: hardly any.
+SLOPE_WIDTH = 3.0
 # Speeds of the nodes of the throttle [m/s], of a car of 1:10; width of its prior; c [s2/m], for
 # which a second of pull gives 1 m/s per tenth of the throttle.
 SPEED_NODE_STEP = 0.5
@@ -99,11 +101,17 @@ RESPONSES = {
 
 @dataclass(frozen=True, slots=True)
 class ResponseCurve:
-    """Values (k,) of f at its nodes, their covariance (k, k), and the effect b of a trim of 1."""
+    """What a recording says of f, without a prior: values at the nodes (k,), and one more.
+
+    slope: the effect b of a trim of 1. information (k + 1, k + 1), vector (k + 1,): normal
+    equations of the values. center, width (k + 1,): mean and standard deviations of their prior.
+    """
 
     slope: float
-    values: FloatArray
-    covariance: FloatArray
+    information: FloatArray
+    vector: FloatArray
+    center: FloatArray
+    width: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,13 +227,18 @@ def _find_groups(responses: Sequence[Response], kind: str) -> CarDifference | No
 def _fit_gain(one: ResponseCurve, other: ResponseCurve, kind: str) -> tuple[float, float]:
     """Fit g and t by least squares; return g and its standard error, with the drift."""
     trim = TRIM_DRIFT[kind.partition("_")[0]]
-    mean = 0.5 * (one.values + other.values)
+    # One prior for both: where a recording has no data, it gives no difference.
+    center = 0.5 * (one.center + other.center)
+    prior = (0.5 * (one.width + other.width))**-2.0
+    (a, a_covariance), (b, b_covariance) = (
+        _solve(curve.information, curve.vector, center, prior) for curve in (one, other))
+    mean = 0.5 * (a + b)[:-1]
     own = np.diag((MIN_RELATIVE_ERROR * mean)**2)
-    information = np.linalg.inv(one.covariance + other.covariance + 2.0 * own)
+    information = np.linalg.inv((a_covariance + b_covariance)[:-1, :-1] + 2.0 * own)
     x = np.column_stack([mean, np.full(len(mean), 0.5 * (one.slope + other.slope))])
     weighted = x.T @ information
     covariance = np.linalg.inv(weighted @ x + np.diag([0.0, 0.5 / trim**2]))
-    values = covariance @ (weighted @ (one.values - other.values))
+    values = covariance @ (weighted @ (a - b)[:-1])
     return float(values[0]), math.sqrt(float(covariance[0, 0]) + 2.0 * GAIN_DRIFT[kind]**2)
 
 
@@ -237,29 +250,45 @@ def _fit_steering(s: MotionSamples, min_speed: float) -> ResponseCurve | None:
     # 1. The command as the wheels follow it.
     curvature = s.rate / np.maximum(s.speed, min_speed)
     steering = _filter_command(s.steering, curvature, use)
-    # 2. The slope, where the tyres hold best.
-    turn = use & (np.abs(steering) > MIN_COMMAND)
+    # 2. The command that drives straight on, and the slope where the tyres hold best.
+    _, straight = _fit_line(steering[use], curvature[use])
+    turn = use & (np.abs(steering - straight) > MIN_COMMAND)
     if turn.sum() < MIN_SAMPLES:
         return None
-    demand = np.abs(steering[turn]) * s.speed[turn]**2
+    demand = np.abs(steering[turn] - straight) * s.speed[turn]**2
     gentle = demand <= np.quantile(demand, max(GENTLE_SHARE, MIN_SAMPLES / len(demand)))
-    slope = float(np.median((curvature[turn] / steering[turn])[gentle]))
+    slope, straight = _fit_line(steering[turn][gentle], curvature[turn][gentle])
     if slope <= 0.0:
         return None
     # 3. Gentle driving by the slope. Selected by the measured acceleration, samples that turn less
     #    than others at the same command would remain.
-    acceleration = slope * steering * s.speed**2
+    acceleration = slope * (steering - straight) * s.speed**2
     use &= np.abs(acceleration) < MAX_GENTLE_ACCELERATION
     use &= _range(steering, COMMAND_TIME) < MAX_COMMAND_RANGE
     if (use & turn).sum() < MIN_SAMPLES:
         return None
     # 4. Curvature at the nodes, and understeer.
     x = np.column_stack([_hats(steering[use], NODES), -slope * acceleration[use]])
-    center = np.append(slope * NODES, 0.0)
+    center = np.append(slope * (NODES - straight), 0.0)
     width = np.append(slope * (NODE_TRIM + NODE_DEVIATION * np.abs(NODES)), UNDERSTEER_DRIFT)
-    values, covariance = _fit_robust(x, curvature[use], center, width, MIN_CURVE_SCATTER * slope)
-    n = len(NODES)
-    return ResponseCurve(slope, values[:n], covariance[:n, :n])
+    return _fit_curve(slope, x, curvature[use], center, width, MIN_CURVE_SCATTER * slope)
+
+
+def _fit_line(command: FloatArray, curvature: FloatArray) -> tuple[float, float]:
+    """Fit curvature = slope (command - straight) robustly; return slope and ``straight``.
+
+    ``straight`` has a prior, since turns to one side do not tell a trim from a gain. Both are 0
+    without commands or turns.
+    """
+    if not (command.any() and curvature.any()):
+        return 0.0, 0.0
+    size = float(np.sqrt(np.mean(curvature**2) / np.mean(command**2)))
+    x = np.column_stack([command, np.ones(len(command))])
+    center = np.array([size, 0.0])
+    width = size * np.array([SLOPE_WIDTH, NODE_TRIM])
+    line = _fit_curve(size, x, curvature, center, width, MIN_CURVE_SCATTER * size)
+    (slope, offset), _ = _solve(line.information, line.vector, center, width**-2.0)
+    return float(slope), -float(offset / slope)
 
 
 def _fit_throttle(s: MotionSamples, scale: float) -> ResponseCurve | None:
@@ -279,8 +308,7 @@ def _fit_throttle(s: MotionSamples, scale: float) -> ResponseCurve | None:
     n = len(SPEED_NODES)
     center = np.append(np.full(n, np.median(s.throttle[use])), THROTTLE_SLOPE)
     width = np.append(np.full(n, THROTTLE_WIDTH), THROTTLE_SLOPE)
-    values, covariance = _fit_robust(x, s.throttle[use], center, width, MIN_CURVE_SCATTER)
-    return ResponseCurve(1.0, values[:n], covariance[:n, :n])
+    return _fit_curve(1.0, x, s.throttle[use], center, width, MIN_CURVE_SCATTER)
 
 
 def _hats(values: FloatArray, nodes: FloatArray) -> FloatArray:
@@ -289,20 +317,28 @@ def _hats(values: FloatArray, nodes: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(1.0 - distance / (nodes[1] - nodes[0]), 0.0))
 
 
-def _fit_robust(x: FloatArray, y: FloatArray, center: FloatArray, width: FloatArray,
-                min_scatter: float) -> tuple[FloatArray, FloatArray]:
-    """Fit y = x v with a prior by iterated Huber weights; return v and its covariance."""
+def _fit_curve(slope: float, x: FloatArray, y: FloatArray, center: FloatArray, width: FloatArray,
+               min_scatter: float) -> ResponseCurve:
+    """Fit y = x v with a prior by iterated Huber weights; return what the data say of v."""
     prior = width**-2.0
     scale = min_scatter
     weight = np.ones(len(y))
     for _ in range(ROBUST_STEPS):
         weighted = x.T * (weight * (STEP / BLOCK_TIME) / scale**2)
-        covariance = np.linalg.inv(weighted @ x + np.diag(prior))
-        values = covariance @ (weighted @ y + prior * center)
+        information = weighted @ x
+        vector = weighted @ y
+        values, _ = _solve(information, vector, center, prior)
         residual = np.abs(y - x @ values)
         scale = max(1.4826 * float(np.median(residual)), min_scatter)
         weight = np.minimum(MAX_HUBER * scale / np.maximum(residual, 1e-9), 1.0)
-    return values, covariance
+    return ResponseCurve(slope, information, vector, center, width)
+
+
+def _solve(information: FloatArray, vector: FloatArray, center: FloatArray, prior: FloatArray
+           ) -> tuple[FloatArray, FloatArray]:
+    """Return the values (k,) and their covariance (k, k) from normal equations and a prior."""
+    covariance = np.asarray(np.linalg.inv(information + np.diag(prior)), np.float64)
+    return covariance @ (vector + prior * center), covariance
 
 
 def _filter_command(command: FloatArray, curvature: FloatArray, use: BoolArray) -> FloatArray:
