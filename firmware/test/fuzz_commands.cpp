@@ -56,7 +56,7 @@ void restart() { longjmp(board_.left, 1); }
 void restart_bootloader() { longjmp(board_.left, 1); }
 void outputs_start(Cutoff) { board_.outputs = {false, false, true}; }
 void outputs_set(SafetyOutput const& output) { board_.outputs = output; }
-void beats_refresh(uint16_t) {}
+bool beats_refresh(uint16_t) { return false; }
 void led(bool) {}
 void edges_set_rule(uint16_t) {}
 uint8_t AvrEeprom::read(uint16_t address) {

@@ -322,7 +322,9 @@ API int32_t baud_slot(int32_t bytes, int32_t valid, uint8_t framing) {
 }
 
 API void beats_new() { renew(beats); }
-API void beats_beat(uint16_t limit_ms) { beats.beat(limit_ms); }
+API int32_t beats_beat(uint16_t limit_ms) {
+  return beats.beat(BeatCounter::slots(limit_ms));
+}
 API int32_t beats_slot() { return beats.slot(); }
 
 API void progress_new(uint8_t slots, uint8_t sent) {
@@ -381,6 +383,7 @@ API void supervisor_ready() { supervisor.set_ready(); }
 API void supervisor_beat(uint32_t now, uint8_t mode, int32_t token) {
   supervisor.beat(now, static_cast<wire::BeatMode>(mode), token != 0);
 }
+API void supervisor_lose() { supervisor.lose(); }
 API int32_t supervisor_step(uint32_t now) { return supervisor.step(now); }
 // |out| state, enable, pass, own_pulse, beat_ok, beat_age, conditions
 API void supervisor_get(uint32_t now, uint8_t* out) {

@@ -81,6 +81,16 @@ def test_the_interrupts_own_limit_in_slots(core: c.CDLL, limit_ms: int, slots: i
     assert [core.beats_slot() for _ in range(slots + 2)] == [0] * slots + [1, 1]
 
 
+def test_a_beat_that_comes_after_the_cut_reports_it(core: c.CDLL) -> None:
+    core.beats_new()
+    core.beats_beat(110)
+    for cut in (False, True):
+        for _ in range(11 + cut):
+            core.beats_slot()
+        assert bool(core.beats_beat(110)) is cut
+    assert not core.beats_beat(110), "once"
+
+
 def test_a_beat_winds_the_limit_up_again(core: c.CDLL) -> None:
     core.beats_new()
     for _ in range(30):

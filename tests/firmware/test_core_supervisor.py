@@ -138,6 +138,15 @@ def test_live_to_tripped_without_a_beat(sut: Sut) -> None:
     assert outputs(sut.view()) == OUTPUTS[TRIPPED]
 
 
+def test_live_to_tripped_if_the_outputs_were_cut_before_a_beat_in_time_was_read(sut: Sut) -> None:
+    """Else the Nano would report LIVE while the ESC has the Nano's own neutral."""
+    sut.live().wait(MAX_BEAT_MS - 1)
+    assert sut.state == IS_LIVE
+    sut.core.supervisor_lose()
+    assert sut.step() == TRIPPED
+    assert sut.beats(20, IS_ARMED) == TRIPPED
+
+
 def test_live_to_tripped_on_stop(sut: Sut) -> None:
     assert sut.live().beats(20, IS_STOPPED) == TRIPPED
 

@@ -26,8 +26,8 @@ OWN = 1.5e-3
 LOOK = 3e-6
 PHASES = 20
 BLIND = ("src/board/outputs.cpp", "return (PINB & kCapture) != 0;", "return false;")
-ANY_TIME = ("src/board/outputs.cpp", "    pass_wanted = output.pass;\n",
-            "    pass_wanted = passing = output.pass;\n    select(pass_wanted);\n")
+ANY_TIME = ("src/board/outputs.cpp", "    pass_requested = output.pass;\n",
+            "    pass_requested = passing = output.pass;\n    drive<kMuxSelect>(pass_requested);\n")
 
 
 class MultiplexerBoard:

@@ -38,11 +38,15 @@ void heartbeat(wire::Heartbeat const& beat, Tick at) {
   direction.command(
       static_cast<wire::Direction>(beat.flags & kDirectionBits));
   request_inputs(at, beat.flags);
+  // The slot interrupt may have cut the outputs before the loop came to this
+  // beat, although the beat itself arrived in time.
+  if (board::beats_refresh(
+          static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs)))) {
+    supervisor.lose();
+  }
   safety_step(at);  // a beat that was missed first
   supervisor.beat(at, static_cast<wire::BeatMode>(beat.mode),
                   beat.arm_token == identity.nonce());
-  board::beats_refresh(
-      static_cast<uint16_t>(params.get(wire::ParamId::kBeatTimeoutMs)));
   safety_step(at);
 }
 

@@ -171,7 +171,11 @@ void outputs_set(SafetyOutput const& output) {
   }
 }
 
-void beats_refresh(uint16_t limit_ms) { beats.beat(limit_ms); }
+bool beats_refresh(uint16_t limit_ms) {
+  uint8_t const slots = BeatCounter::slots(limit_ms);  // 200 cycles
+  Atomic const lock;
+  return beats.beat(slots);
+}
 
 void outputs_cut() {
   pass_requested = false;  // the multiplexer follows within one period

@@ -30,7 +30,8 @@ void outputs_start(Cutoff cutoff);
 void outputs_set(SafetyOutput const& output);
 
 // A valid beat came: safe `limit_ms` to one slot more without another.
-void beats_refresh(uint16_t limit_ms);
+// Returns whether the last one had run out: the outputs are cut then.
+bool beats_refresh(uint16_t limit_ms);
 
 // With interrupts off: /OE high, own neutral to the ESC, as outputs_set.
 void outputs_cut();

@@ -6,20 +6,30 @@
 
 namespace dart {
 
-// Wound up by a beat, runs down with the slots. One byte, so that the loop
-// winds it up without a lock.
+// Wound up by a beat, runs down with the slots.
 class BeatCounter {
  public:
-  // It runs out n to n + 1 slots after the beat, n = limit in slots rounded
-  // up: 110 to 120 ms with the default, never before the supervisor trips.
-  void beat(uint16_t limit_ms) {
-    left_ = static_cast<uint8_t>((limit_ms + kSlotMs - 1) / kSlotMs);
+  // n of a limit: rounded up.
+  static uint8_t slots(uint16_t limit_ms) {
+    return static_cast<uint8_t>((limit_ms + kSlotMs - 1) / kSlotMs);
+  }
+
+  // It runs out n to n + 1 slots after the beat: 110 to 120 ms with the
+  // default, never before the supervisor trips.
+  // Returns whether it had run out, so that the outputs were cut; then the
+  // caller must keep interrupts off.
+  bool beat(uint8_t n) {
+    bool const was_out = out_;
+    out_ = false;
+    left_ = n;
+    return was_out;
   }
 
   // At every slot; true: no beat came in time.
   bool slot() {
     uint8_t const left = left_;
     if (left == 0) {
+      out_ = true;
       return true;
     }
     left_ = static_cast<uint8_t>(left - 1);
@@ -29,6 +39,7 @@ class BeatCounter {
  private:
   static constexpr uint8_t kSlotMs = 10;
   uint8_t volatile left_ = 0;
+  bool volatile out_ = false;
 };
 
 }  // namespace dart

@@ -82,6 +82,9 @@ class Supervisor {
   // link alive but counts as disarmed.
   void beat(Tick now, wire::BeatMode mode, bool right_token);
 
+  // The outputs were cut without it: as after a lost beat.
+  void lose() { heard_ = false; }
+
   // Takes at most one transition; true when the state has changed. Call it
   // at least every slot.
   bool step(Tick now);
