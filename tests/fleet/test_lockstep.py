@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.car import Fleet
+from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.timing import SAMPLE
 from tests.fleet.rooms import FleetPins
@@ -43,3 +43,24 @@ def test_an_error_of_one_car_names_it():
         for call in (fleet.arm, lambda: list(fleet.states(duration=0.1))):
             with pytest.raises(LinkLost, match=f"car {fleet.names[1]}: the car is closed"):
                 call()
+
+
+@pytest.mark.slow
+def test_closing_stops_all_cars_before_it_waits_for_the_first(monkeypatch):
+    """Closing takes 0.2 s a car, and a command stays valid for half a second."""
+    close = Car.close
+    moving = []
+
+    def note_and_close(car):
+        moving.append([c._engine.driver.applied.throttle > 0.0
+                       for c in fleet.cars])
+        close(car)
+
+    with Fleet.open(LOCKSTEP_URLS) as fleet:
+        fleet.arm()
+        for _ in fleet.states(duration=0.2):
+            for car in fleet.cars:
+                car.drive(throttle=0.2, valid_for=0.5)
+        assert all(car._engine.driver.applied.throttle > 0.1 for car in fleet.cars), "control"
+        monkeypatch.setattr(Car, "close", note_and_close)
+    assert moving == [[False, False]] * 2

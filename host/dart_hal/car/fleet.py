@@ -228,7 +228,7 @@ class Fleet:
                 stack.callback(car.stop)
 
     def close(self) -> None:
-        """Close all cars, also when one of them raises; idempotent.
+        """Stop all cars, then close them, also when one of them raises; idempotent.
 
         Example:
             >>> fleet.close()
@@ -240,6 +240,9 @@ class Fleet:
                 stack.callback(member.close)
             for car in self.cars:
                 stack.callback(car.close)
+            # Run first: closing takes 0.2 s a car, in which the others would drive on.
+            for car in self.cars:
+                stack.callback(car.stop)
 
     def __enter__(self) -> Fleet:
         return self
