@@ -24,8 +24,8 @@ INT0 = 1
 """Register that masks the interrupts of the rings, and vector of the first of them."""
 NO_WATCHDOG = ("src/main.cpp", "watchdog_start(settings.safety_out != 0,",
                "watchdog_start(false,")
-NO_BUDGET = ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]    \\n\\t"',
-             '"nop                      \\n\\t"')
+NO_BUDGET = ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]        \\n\\t"',
+             '"nop                          \\n\\t"')
 
 
 def live(rig: Rig) -> Rig:
