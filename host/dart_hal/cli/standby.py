@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 
@@ -38,14 +39,17 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
     post = StandbyService(throttle)
     notify("READY=1")
     end = elapsed() + (duration or inf)
-    while (now := elapsed()) < end:
-        # Resolved in each round: a Nano that is plugged in again may get another name.
-        port = port_of(address)
-        post.step(holder(port) if port else None, now)
-        notify("WATCHDOG=1")
-        # Neutral is written frame by frame. A slower poll is enough if nothing is to be written,
-        # and after a bus error.
-        time.sleep(PWM_FRAME if post.watch.owed and post.error is None else POLL_INTERVAL)
+    try:
+        while (now := elapsed()) < end:
+            # Resolved in each round: a Nano that is plugged in again may get another name.
+            port = port_of(address)
+            post.step(holder(port) if port else None, now)
+            notify("WATCHDOG=1")
+            # Neutral is written frame by frame. A slower poll is enough if nothing is to be
+            # written, and after a bus error.
+            time.sleep(PWM_FRAME if post.watch.owed and post.error is None else POLL_INTERVAL)
+    finally:
+        post.close()
     if as_json:
         print_json({"url": address.text, "departures": post.departures})
 
@@ -76,6 +80,12 @@ class StandbyService:
         if self.error is None:
             self._report(f"pid {driver} drives" if driver is not None else
                          "neutral" if self.watch.owed else "no program drives, no pulses")
+
+    def close(self) -> None:
+        """End the pulses if the service ends while it writes neutral."""
+        if self.watch.owed:
+            with suppress(BusError):
+                self._throttle.switch_off()
 
     def _write(self, now: float) -> None:
         """Write neutral, or end all pulses; a bus error is kept and the write repeated."""

@@ -30,7 +30,7 @@ from dart_hal.core.errors import BusError
 from dart_hal.core.process.locks import holder, parse_locks
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.devices.actuation.pca9685 import FINAL_WRITES, NEUTRAL_FRAMES
-from dart_hal.devices.actuation.standby import Throttle, Watchman
+from dart_hal.devices.actuation.standby import Throttle, Watchman, stop
 from dart_hal.devices.links.i2c import REQUEST, receive
 from dart_hal.devices.links.notify import notify
 from dart_lab.sim.bus import VirtualBus
@@ -122,6 +122,38 @@ def test_rest_writes_neutral_and_steering_is_left_alone() -> None:
     bench.sleep(0.1)
     assert bench.pulses() == []
     assert bench.throttle.is_off
+
+
+def test_a_stop_that_is_interrupted_leaves_no_pulse() -> None:
+    bench = StandbyBench()
+    slept: list[float] = []
+
+    def interrupt(seconds: float) -> None:
+        bench.sleep(seconds)
+        slept.append(seconds)
+        if len(slept) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stop(bench.throttle, lambda: None, interrupt)
+    assert bench.throttle.is_off
+
+
+def test_a_service_that_ends_while_it_writes_neutral_leaves_no_pulse() -> None:
+    bench = StandbyBench()
+    service = standby.StandbyService(bench.throttle)
+    service.step(None, 0.0)
+    assert not bench.throttle.is_off
+    service.close()
+    assert bench.throttle.is_off
+
+
+def test_a_service_that_ends_leaves_the_pulses_of_a_driver_alone() -> None:
+    bench = StandbyBench()
+    service = standby.StandbyService(bench.throttle)
+    service.step(12, 0.0)
+    service.close()
+    assert not bench.throttle.is_off
 
 
 def test_channels_that_are_off_stay_off() -> None:

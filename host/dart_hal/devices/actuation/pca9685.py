@@ -85,7 +85,8 @@ class Pca9685:
         self._bus = bus
         self._sleep = sleep
         self._kit: Any = None
-        self._known = False
+        self.recognised = False
+        """Whether its registers have been found to be those of a PCA9685."""
         self._written: dict[int, bytes] = {}
 
     def open(self, neutral: tuple[int, int]) -> None:
@@ -154,14 +155,14 @@ class Pca9685:
         """
         try:
             mode1, prescale = self._read(MODE1), self._read(PRE_SCALE)
-            if not self._known:
+            if not self.recognised:
                 self._recognise(mode1, self._read(MODE2), prescale)
         except NotPca:
             raise
         except BusError:
             mode1 = prescale = 0
         ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
-        if mode1 & ALIASES and self._known:
+        if mode1 & ALIASES and self.recognised:
             self._register(MODE1, mode1 & (AUTO_INCREMENT | SLEEP))
         if ours and not self.is_off():
             self._write_leds(self.channels[1], _pulse(throttle))
@@ -263,7 +264,7 @@ class Pca9685:
                        f"registers 0 to 5: {bytes([mode1, mode2]).hex(' ')} {single.hex(' ')}")
                 + "; nothing was written to it",
                 expected="registers 2 to 5: e2 e4 e8 e0, or others that are even")
-        self._known = True
+        self.recognised = True
 
     def _take_over(self, mode1: int, neutral: tuple[int, int]) -> None:
         """Replace the pulses by neutral while they run: the prescale is right."""

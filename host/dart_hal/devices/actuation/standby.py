@@ -42,6 +42,11 @@ class Throttle:
         """Counts."""
 
     @property
+    def is_recognised(self) -> bool:
+        """Whether the chip has been found to be a PCA9685; no other device gets a write."""
+        return self._pca.recognised
+
+    @property
     def pulse_us(self) -> float:
         """Pulse [us] in the registers; 0 = off. Raises BusError."""
         return self._pca.pulse_counts(self._channel) * self._pca.count_us
@@ -118,21 +123,24 @@ def stop(throttle: Throttle, holder: Callable[[], int | None],
     1. Write neutral at once.
     2. Send SIGTERM to the driver, and repeat neutral until it has ended, for at most
        DRIVER_EXIT_TIME.
-    3. Write neutral for NEUTRAL_FRAMES, then switch all channels off, FINAL_WRITES in total.
+    3. Write neutral for NEUTRAL_FRAMES, then switch all channels off, FINAL_WRITES in total; the
+       latter also after an error or Ctrl-C.
     """
-    found = throttle.pulse_us
-    throttle.rest()
-    ended = holder()
-    if ended:
-        with suppress(ProcessLookupError, PermissionError):    # reported as ``driver`` below
-            os.kill(ended, signal.SIGTERM)
-        _wait_for_exit(throttle, holder, sleep)
-    for write in range(FINAL_WRITES):
-        if write < NEUTRAL_FRAMES:
+    try:
+        found = throttle.pulse_us
+        throttle.rest()
+        ended = holder()
+        if ended:
+            with suppress(ProcessLookupError, PermissionError):    # reported as ``driver`` below
+                os.kill(ended, signal.SIGTERM)
+            _wait_for_exit(throttle, holder, sleep)
+        for _ in range(NEUTRAL_FRAMES):
             throttle.rest()
-        else:
+            sleep(PWM_FRAME)
+    finally:  # also after Ctrl-C or a failed write: a neutral pulse must not stay
+        for _ in range(FINAL_WRITES - NEUTRAL_FRAMES if throttle.is_recognised else 0):
             throttle.switch_off()
-        sleep(PWM_FRAME)
+            sleep(PWM_FRAME)
     return StopResult(found, throttle.pulse_us, ended, holder(), throttle.is_off)
 
 
