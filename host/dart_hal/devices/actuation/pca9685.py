@@ -28,6 +28,7 @@ from dart_hal.devices.actuation.servokit import (
     SLEEP,
     WAKE_TIME,
     Shield,
+    lock,
     make_kit,
 )
 
@@ -50,8 +51,6 @@ MAX_ATTEMPTS = 3
 NEUTRAL_FRAMES = 10
 # Successful writes of guard and standby after the driver is gone: one second, neutral and then off.
 FINAL_WRITES = 50
-# Attempts to lock the bus, 0.1 ms apart: longer than any transaction of this package.
-MAX_LOCK_ATTEMPTS = 100
 # s that ServoKit waits for the oscillator after a new prescale.
 PRESCALE_SETTLE_TIME = 0.005
 # Registers: the first of four per channel, and the sub-addresses with the all-call address.
@@ -336,13 +335,7 @@ class Pca9685:
 
     def _transfer_locked(self, transfer: Callable[[], T]) -> T:
         """Make a transfer while the bus is locked. Raises BusError if it stays locked."""
-        for _ in range(MAX_LOCK_ATTEMPTS):
-            if self._bus.try_lock():
-                break
-            self._sleep(1e-4)
-        else:
-            raise BusError(f"{bus_name(self._bus)} stays locked by another user of the bus",
-                           remedy="end the transaction that locks it")
+        lock(self._bus, self._sleep)
         try:
             return transfer()
         finally:

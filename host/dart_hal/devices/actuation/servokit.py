@@ -17,7 +17,9 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from dart_hal.core.errors import BusError
 from dart_hal.core.ports import Bus
+from dart_hal.core.ports.bus import bus_name
 from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, NOMINAL_HZ
 
 # Registers.
@@ -30,6 +32,9 @@ SLEEP = 0x10
 WAKE_TIME = 0.0005
 # s that ServoKit waits between waking the chip and RESTART.
 KIT_WAIT = 0.005
+
+# Attempts to lock the bus, 0.1 ms apart: longer than any transaction of this package.
+MAX_LOCK_ATTEMPTS = 100
 
 _IMPORT_FAILURES = (ImportError, NotImplementedError, AttributeError, RuntimeError, OSError)
 
@@ -48,11 +53,15 @@ class Shield:
         self._bus = bus
         self._address = address
         self._sleep = sleep
-        self.try_lock = bus.try_lock
         self.unlock = bus.unlock
         self.scan = bus.scan
         self.readfrom_into = bus.readfrom_into
         self.writeto_then_readfrom = bus.writeto_then_readfrom
+
+    def try_lock(self) -> bool:
+        """Lock the bus. Raises BusError if it stays locked: ServoKit would wait for ever."""
+        lock(self._bus, self._sleep)
+        return True
 
     def writeto(self, address: int, buffer: bytes, *, start: int = 0,
                 end: int | None = None) -> None:
@@ -65,6 +74,16 @@ class Shield:
         self._bus.writeto(address, data)
         if control and data[0] == MODE1 and not data[-1] & SLEEP:
             self._sleep(KIT_WAIT)
+
+
+def lock(bus: Bus, sleep: Callable[[float], None]) -> None:
+    """Lock a bus. Raises BusError if it stays locked."""
+    for _ in range(MAX_LOCK_ATTEMPTS):
+        if bus.try_lock():
+            return
+        sleep(1e-4)
+    raise BusError(f"{bus_name(bus)} stays locked by another user of the bus",
+                   remedy="end the transaction that locks it")
 
 
 def load_servokit() -> Any:
