@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from math import inf
 
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.facts import MAX_SWITCH_ON_TIME, STALE_LINK_TIME, Observer
-from dart_hal.car.guarding import GuardPost
+from dart_hal.car.guarding import GuardPost, Hang
 from dart_hal.car.rc import RcOverride
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
@@ -33,6 +34,7 @@ from dart_hal.devices.actuation import (
 )
 from dart_hal.devices.actuation.arming import WAIVABLE
 from dart_hal.devices.actuation.direction_watch import DirectionWatch
+from dart_hal.devices.actuation.guard import BEAT_TIMEOUT
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.actuation.supervisor import TRANSIENT_REFUSALS
 from dart_hal.devices.actuation.trips import describe_trips, list_remedies
@@ -72,6 +74,10 @@ class Driver:
         # In virtual time the world waits for its program, and nothing is missed.
         self.suspend = None if backend.virtual else SuspendDetector()
         self._guard: GuardPost | None = None
+        self._beat_at = -inf
+        self._hang: Hang | None = None
+        # Whether the guard still writes the pins, as far as this program knows.
+        self._hangs = False
         self._test: CutoffTest | None = None
         self._passed = False
         if not (backend.virtual or backend.simulated) and backend.bus is not None:
@@ -98,6 +104,28 @@ class Driver:
         pulse = NANO_NEUTRAL_US if observer.cutoff == "mux" else 0.0
         return replace(applied, throttle=0.0, throttle_us=pulse,
                        limited=(*applied.limited, Limit.CUT_OFF.value))
+
+    def correct_hang(self, state: State) -> State:
+        """Return a State with what the pins carried at its time, if the guard wrote them."""
+        applied = state.applied if self._hang is None else self._hang.correct(state.applied,
+                                                                              state.t)
+        return state if applied is state.applied else replace(state, applied=applied)
+
+    @property
+    def hang_found(self) -> bool:
+        """Whether the guard has tripped, and no frame has dealt with it yet."""
+        return self._guard is not None and self._guard.tripped and not self._hangs
+
+    def _note_hang(self, now: float, guard: GuardPost) -> None:
+        """Note from when until when the guard has written the pins."""
+        if not guard.writes:
+            self._hangs = False
+        elif self._hangs and self._hang is not None:
+            self._hang = replace(self._hang, end=now)
+        else:
+            self._hangs = True
+            self._hang = Hang(self._beat_at + BEAT_TIMEOUT, now, self.applied,
+                              self.actuator.neutral_us)
 
     @property
     def mode(self) -> ArmState:
@@ -241,8 +269,10 @@ class Driver:
         causes = list(self.actuator.trips())
         if self.observer.stale(now) and self.mode is not ArmState.OPENING:
             causes.append("LINK_STALE")
-        if self._guard is not None and self._guard.tripped:
-            causes.append("GUARD_TRIPPED")
+        if self._guard is not None:
+            self._note_hang(now, self._guard)
+            if self._guard.tripped:
+                causes.append("GUARD_TRIPPED")
         if self.supervisor.lifted and self.observer.is_moving:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
@@ -288,10 +318,10 @@ class Driver:
         self.actuator.frame(now)
         if late := self.actuator.trips():
             self._step(now, list(late), ())
-        if self._guard is not None:
+        if self._guard is not None and self.actuator.fault is None:
             demanded = self.supervisor.output.throttle
-            self._guard.beat(at_neutral=demanded in ("neutral", "off")
-                             and self.actuator.fault is None, off=demanded == "off")
+            self._guard.beat(at_neutral=demanded in ("neutral", "off"), off=demanded == "off")
+            self._beat_at = now
         return self.applied
 
     def _step(self, now: float, causes: list[str], refused: tuple[str, ...]) -> None:

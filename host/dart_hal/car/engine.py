@@ -164,6 +164,8 @@ class Engine:
     def _process_bytes(self, data: bytes, t: float) -> list[State]:
         """Decode bytes that arrived at host time ``t`` [s]; pass their States to the listeners."""
         with self.lock:
+            if self.driver.hang_found:  # disarm before States of the hang are passed on
+                self._write(self.now)
             # States first, then what has arrived with them: scans, images, poses.
             states = [self._process_state(state, t) for state in self.receiver.feed(
                 self.hooks.rx(data, t), t, self.pin_values)]
@@ -206,6 +208,7 @@ class Engine:
         Every second State makes a PWM frame due.
         """
         self._frames += 1
+        state = self.driver.correct_hang(state)
         self.driver.observe(state, t)
         if self._frames % 2 == 0:
             self._due = True

@@ -9,11 +9,16 @@ from __future__ import annotations
 import subprocess
 import threading
 from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BusError
+from dart_hal.core.timing import PWM_FRAME
+from dart_hal.core.types import Applied, Limit
 from dart_hal.devices.actuation import Actuator, Guard
 from dart_hal.devices.actuation.owner import lock_chip
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from dart_hal.devices.actuation.plan import OFF_DEMAND
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.i2c import open_bus
 
@@ -29,6 +34,34 @@ def own_actuator(backend: Backend, files: CarFiles) -> None:
     spec = backend.url.options.get("i2c")
     if spec is not None and backend.bus is not None and not backend.virtual:
         backend.closers = (*backend.closers, lock_chip(spec, files.config.pwm.address))
+
+
+@dataclass(frozen=True, slots=True)
+class Hang:
+    """A time [s] in which the guard wrote the pins, because this program hung.
+
+    before: what they carried until then. neutral: throttle pulse of the guard [us].
+    """
+
+    start: float
+    end: float
+    before: Applied
+    neutral: float
+
+    def correct(self, applied: Applied, t: float) -> Applied:
+        """Return what the pins carried at ``t``; ``applied``: what they carry after the hang.
+
+        States of the hang are decoded after it, from the buffer of the port.
+        """
+        if t >= self.end:
+            return applied
+        if t < self.start:
+            return self.before
+        # Neutral, and no pulse after NEUTRAL_FRAMES of it.
+        off = t >= self.start + NEUTRAL_FRAMES * PWM_FRAME
+        return replace(self.before, throttle=0.0, throttle_us=0.0 if off else self.neutral,
+                       steering_us=0.0 if off else self.before.steering_us,
+                       limited=OFF_DEMAND.why if off else (Limit.NOT_ARMED.value,))
 
 
 class GuardPost:
@@ -71,6 +104,11 @@ class GuardPost:
     def tripped(self) -> bool:
         """Return whether the guard has found this program hanging and writes neutral itself."""
         return self.age is not None and self._guard is not None and self._guard.tripped
+
+    @property
+    def writes(self) -> bool:
+        """Return whether the guard has tripped, and the bus has taken all that it wrote."""
+        return self.tripped and self._guard is not None and not self._guard.failed
 
     def gate(self) -> str | None:
         """Return why no throttle may be written now; None: it may."""

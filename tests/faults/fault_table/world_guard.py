@@ -49,7 +49,7 @@ class WorldGuard:
         guard._clock = lambda: drive.world.t
         guard._heard = drive.world.t
         guard._process = self.process = GuardProcess()  # type: ignore[assignment]
-        guard.tripped = guard._watched = False
+        guard.tripped = guard.failed = guard._watched = False
         guard._beats = self._beats
         guard._status = self._status
         actuator = drive.car._engine.driver.actuator

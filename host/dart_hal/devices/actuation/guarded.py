@@ -41,6 +41,8 @@ class Guard:
         self._clock = clock
         self._heard = -math.inf
         self.tripped = self._watched = False
+        self.failed = False
+        """Whether the bus has refused a write of the guard since its trip."""
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=subprocess.PIPE, start_new_session=True)
         beats, status, _ = self._pipes()
@@ -127,6 +129,7 @@ class Guard:
         if data:
             self._heard = self._clock()
             self.tripped = self.tripped or b"t" in data
+            self.failed = self.tripped and (self.failed or b"x" in data)
 
     def _send(self, word: bytes) -> None:
         try:
