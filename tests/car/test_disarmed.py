@@ -124,3 +124,14 @@ def test_a_program_that_did_not_arm_is_warned_at_its_end(arms, throttle, warned,
         for _ in car.states(duration=0.1):
             car.drive(throttle=throttle)
     assert any("did not call car.arm()" in m for m in caplog.messages) is warned
+
+
+def test_a_command_that_is_refused_disarms_at_once_and_not_with_the_next_frame():
+    with Car.open("sim://?nano=mock") as car:
+        car.arm()
+        for _ in car.states(duration=0.1):
+            car.drive(throttle=0.2)
+        with pytest.raises(BadCommand):
+            car.drive(throttle=float("nan"))
+        assert (car.mode, car.causes) == ("TRIPPED", ("COMMAND_INVALID",))
+        assert car._engine.driver.applied.throttle == 0.0

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.car.guarding import Hang
+from dart_hal.core.types import Applied
 from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
 from tests.car.pin_witness import no_pulse
 
@@ -22,7 +24,9 @@ class Guard:
     def __init__(self, tripped: bool = False,
                  at_close: Callable[[], object] = lambda: None) -> None:
         self.tripped = tripped
+        self.writes = False
         self.at_close = at_close
+        self.closed_at_neutral: bool | None = None
         self.beats: list[tuple[bool, bool]] = []
 
     def beat(self, *, at_neutral: bool, off: bool = False) -> None:
@@ -31,6 +35,7 @@ class Guard:
 
     def close(self, *, at_neutral: bool) -> None:
         """Nothing runs."""
+        self.closed_at_neutral = at_neutral
         self.at_close()
 
 
@@ -86,3 +91,66 @@ def test_neutral_that_a_guard_wrote_late_is_ended_too():
             at_close=lambda: bus.writeto(0x40, bytes([0x0A, 0, 0, 0x33, 0x01])))
     assert no_pulse(bus)
     assert car._engine.driver.applied.throttle_us == 0.0
+
+
+def test_the_guard_is_ended_also_if_ctrl_c_interrupts_closing():
+    """Left alone, it would write neutral after the pulses have ended, for as long as we live."""
+    car = Car.open("sim://?nano=mock")
+    car.arm()
+    car._engine.driver._guard = guard = Guard()
+
+    def interrupt(seconds):
+        raise KeyboardInterrupt
+
+    car._engine.driver.actuator._sleep = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        car.close()
+    assert guard.closed_at_neutral is True
+
+
+def test_a_bus_fault_leaves_the_guard_to_its_own_descriptor():
+    """A beat would tell the guard that all is well, while this program cannot write neutral."""
+    with Car.open("sim://?nano=mock", raise_on_trip=False) as car:
+        car.arm()
+        car._engine.driver._guard = guard = Guard()
+        for _ in car.states(duration=0.1):
+            car.drive(throttle=0.2)
+        assert guard.beats, "negative control"
+        car._engine.backend.bus.nack = 10**9
+        for _ in car.states(duration=0.06):
+            car.drive(throttle=0.2)
+        guard.beats.clear()
+        for _ in car.states(duration=0.5):
+            car.drive(throttle=0.2)
+        assert not guard.beats
+        car._engine.backend.bus.nack = 0
+        for _ in car.states(duration=0.3):
+            car.drive(throttle=0.2)
+        assert guard.beats[-1] == (True, False)
+
+
+def test_states_of_a_hang_are_reported_with_what_the_guard_wrote():
+    """Decoded after the hang, they would have the throttle of before it, and the mode ARMED."""
+    with Car.open("sim://?nano=mock", raise_on_trip=False) as car:
+        car.arm()
+        driver = car._engine.driver
+        driver._guard = guard = Guard()
+        for state in car.states(duration=0.2):
+            car.drive(throttle=0.2)
+        assert state.applied.throttle > 0.15
+        driver._beat_at -= 0.12                 # the guard tripped 20 ms ago
+        guard.tripped = guard.writes = True
+        state = next(car.states())
+        assert (state.applied.throttle, car.mode) == (0.0, "TRIPPED")
+        assert state.applied.throttle_us == pytest.approx(1500.0, abs=3.0)
+
+
+def test_a_hang_is_throttle_then_neutral_then_no_pulse():
+    before = Applied(0.1, 0.3, 1600.0, 1650.0)
+    after = Applied(0.0, 0.0, 1500.0, 1500.0)
+    hang = Hang(10.0, 11.0, before, 1500.0)
+    assert hang.correct(after, 9.99) is before
+    assert hang.correct(after, 10.1).throttle_us == 1500.0
+    assert hang.correct(after, 10.1).throttle == 0.0
+    assert hang.correct(after, 10.3).throttle_us == 0.0
+    assert hang.correct(after, 11.0) is after

@@ -248,7 +248,7 @@ class Car:
             return
         self._closed = True
         # The steps run from the last to the first, each also after an error of another:
-        # engine (neutral), thread, recording, backend, exit handler.
+        # engine (neutral, then no pulses), thread, pulses again, recording, backend, exit handler.
         with ExitStack() as steps:
             steps.callback(self._warn_if_never_armed)
             steps.callback(self._timer.report_overruns, waits=self._engine.backend.virtual)
@@ -256,6 +256,7 @@ class Car:
             steps.callback(forget_stop, self._end_drive)
             steps.callback(self._engine.backend.close)
             steps.callback(self._recorder.close)
+            steps.callback(self._engine.end_pulses)
             if self._pump is not None:
                 steps.callback(self._pump.stop)
             steps.callback(self._engine.close)
@@ -466,7 +467,7 @@ class Car:
             try:
                 yield engine.now
             except BaseException:
-                engine.driver.actuator.refuse()
+                engine.driver.refuse_command(engine.now)
                 raise
 
     def _refuse_if_disarmed(self) -> None:

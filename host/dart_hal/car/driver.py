@@ -166,20 +166,28 @@ class Driver:
         """
         self.supervisor.event(Event.CLOSE, now)
         guard = self._guard
-        if guard is None:
-            with suppress(BusError):
-                self.actuator.close()
-            return
-        written = True
         try:
-            self.actuator.close(lambda off: guard.beat(at_neutral=True, off=off))
+            self.actuator.close(self._beat_while_closing)
         except BusError:
-            written = False
-        guard.close(at_neutral=written)
-        # A guard that tripped meanwhile may have written neutral after the pulses had ended.
-        if written:
-            with suppress(BusError):
-                self.actuator.end_pulses()
+            self.actuator.counters.bus_errors += 1
+        finally:  # also after a second Ctrl-C
+            if guard is not None:
+                guard.close(at_neutral=self.actuator.applied.throttle_us == 0.0)
+
+    def end_pulses(self) -> None:
+        """End the pulses again: guard or link thread may have written once more after ``close``."""
+        with suppress(BusError):
+            self.actuator.end_pulses()
+
+    def refuse_command(self, now: float) -> None:
+        """Write neutral and disarm at once, because a command was not valid."""
+        self.actuator.refuse()
+        self._step(now, list(self.actuator.trips()), ())
+
+    def _beat_while_closing(self, off: bool) -> None:
+        """Send the guard a sign of life before a write of ``close``."""
+        if self._guard is not None:
+            self._guard.beat(at_neutral=True, off=off)
 
     def lost(self, now: float) -> None:
         """Write neutral at once after the link has been lost."""
@@ -306,7 +314,8 @@ class Driver:
         2. Update the supervisor with the causes of a trip and the reasons against arming.
         3. Write the pulses that the new state allows.
         4. Update the supervisor again if the write has failed.
-        5. Send the guard its heartbeat.
+        5. Send the guard its heartbeat; after a bus error none, so that the guard tries by its own
+           descriptor of the bus.
         """
         self._step_test(now)
         silent = self._test is not None and self._test.silent

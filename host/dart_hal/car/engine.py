@@ -248,6 +248,10 @@ class Engine:
             if held:
                 self._own_lock.release()
 
+    def end_pulses(self) -> None:
+        """End the pulses again, once no thread writes any more."""
+        self.driver.end_pulses()
+
     @property
     def link_age(self) -> float:
         """Return the time [s] since the last good frame."""

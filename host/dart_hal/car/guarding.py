@@ -123,6 +123,7 @@ class GuardPost:
             return
         if at_neutral and self._guard.tripped:
             self._guard.acknowledge()
+            self._actuator.renew_watch_pulse()
         self._guard.beat(off=off)
 
     def close(self, *, at_neutral: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 from dataclasses import replace
 from fractions import Fraction
@@ -389,6 +390,104 @@ def test_a_lost_chip_is_tried_again_each_100_ms() -> None:
     assert len(pauses) >= 8
     assert pauses.min() > 0.099, "the bus is not flooded"
     assert pauses.max() < 0.121, "five or six frames of 20 ms"
+
+
+def fail_reads(world: World) -> None:
+    """From now on each read fails, and each write is taken."""
+    transfer = world.bus.transfer
+
+    def writes_only(address: int, data: bytes, n_read: int) -> bytes:
+        if n_read:
+            raise OSError(errno.EIO, "interrupted")
+        return transfer(address, data, n_read)
+
+    world.bus.transfer = writes_only
+
+
+def test_a_chip_that_cannot_be_set_up_again_gets_neutral_all_the_same() -> None:
+    """Setting it up takes some twenty transfers, reads first; neutral is one write."""
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=10)
+    fail_reads(world)
+    drive(world, actuator, 0.1, 0.5, frames=60)
+    assert actuator.fault is not None
+    assert actuator.trips() == ("PCA_WRITE_FAILED",)
+    assert world.pulses(1)[-1][1] == NEUTRAL
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_a_chip_with_other_settings_that_cannot_be_set_up_gets_no_pulse() -> None:
+    """By another prescale, the counts of neutral may be those of full throttle."""
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=10)
+
+    def find_other_prescale(*, pulses: bool = True) -> None:
+        fail_reads(world)
+        raise PcaFault("the PCA9685 lost its settings")
+
+    actuator.pca.check = find_other_prescale
+    drive(world, actuator, 0.1, 0.5, frames=60)
+    world.t += 1.0
+    assert world.t - world.pulses(1)[-1][0] > 0.9
+    assert actuator.applied.throttle_us == 0.0
+
+
+def test_a_bus_that_another_user_keeps_locked_is_a_fault_and_no_hang() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=3)
+    tries: list[float] = []
+
+    def refuse() -> bool:
+        tries.append(world.t)
+        assert len(tries) < 100_000, "it waits for ever"
+        return False
+
+    try_lock, world.bus.try_lock = world.bus.try_lock, refuse
+    drive(world, actuator, 0.1, 0.5, frames=10)
+    assert actuator.trips() == ("PCA_WRITE_FAILED",)
+    assert "stays locked" in actuator.fault.what
+    world.bus.try_lock = try_lock
+    drive(world, actuator, 0.1, 0.5, frames=10)
+    assert actuator.fault is None
+    assert actuator.applied.throttle_us == NEUTRAL
+
+
+def test_a_fault_that_is_pending_on_closing_starts_no_pulse_afterwards() -> None:
+    world, actuator = opened()
+    drive(world, actuator, 0.1, 0.5, frames=3)
+    world.bus.nack = 10**9
+    drive(world, actuator, 0.1, 0.5, frames=1)
+    assert actuator.fault is not None
+    world.bus.nack = 0
+    actuator.close()
+    world.run(actuator, 10)                                   # a thread that is still under way
+    assert world.t - world.pulses(1)[-1][0] > 0.15
+    assert actuator.applied.throttle_us == 0.0
+
+
+def test_opening_that_fails_leaves_no_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World()
+    world.abandoned()
+    actuator = world.actuator()
+
+    def check(*, pulses: bool = True) -> None:
+        raise PcaFault("the PCA9685 lost its settings")
+
+    monkeypatch.setattr(actuator.pca, "check", check)
+    with pytest.raises(PcaFault):
+        actuator.open(keep_off=True)
+    world.t += 1.0
+    assert world.t - world.pulses(1)[-1][0] > 0.9
+
+
+def test_the_watch_pulse_comes_back_after_all_channels_were_switched_off() -> None:
+    """The guard switches off all channels; the Nano needs this pulse to switch between others."""
+    world, actuator = opened()
+    actuator.watched = True
+    drive(world, actuator, 0.0, 0.0, frames=10)
+    world.write(0xFD, 0x10)
+    drive(world, actuator, 0.0, 0.0, frames=60)
+    assert world.t - world.pulses(15)[-1][0] < 0.1
 
 
 def test_another_program_that_stops_the_chip_is_found_by_reading_back() -> None:

@@ -43,7 +43,7 @@ class NoGuard:
     """Looks like a guard that is well, and is not there."""
 
     age = 0.0
-    tripped = False
+    tripped = writes = False
 
     def __init__(self, *_: Any) -> None:
         self.ready = self.beat = self.close = nothing
@@ -162,6 +162,11 @@ def for_ever(pump: ThreadPump) -> None:
     pump._thread.join()
 
 
+def leave_pulses(driver: Driver, now: float) -> None:
+    """Close without a write to the pins."""
+    driver.end_pulses = nothing  # type: ignore[method-assign]
+
+
 def always(value: Any) -> Callable[..., Any]:
     """A function that answers the same to everything."""
     return lambda *_, **__: value
@@ -213,7 +218,8 @@ host("guard_gate", "a throttle is written only while the guard speaks",
      "dart_hal.devices.actuation.guarded.Guard.gate", nothing)
 host("signals", "SIGTERM and SIGHUP end through the with block",
      "dart_hal.car.car.stop_on_signals", nothing)
-host("close_neutral", "closing writes neutral", "dart_hal.car.driver.Driver.close", nothing)
+host("close_neutral", "closing writes neutral, then no pulse",
+     "dart_hal.car.driver.Driver.close", leave_pulses)
 host("imu_check", "a sample of the IMU must be possible",
      "dart_hal.car.telemetry.ImuCheck.judge", trusting)
 host("single_samples", "a single wrong sample of the IMU is left out, and covered",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import cast
 
 from dart_hal.core.config import CarFiles
@@ -98,20 +98,25 @@ class Actuator:
         neutral for ``NEUTRAL_FRAMES``, so that the ESC stops the motor.
         Raises PcaMissing, PcaFault or BusError after three attempts.
         """
-        for attempt in range(MAX_ATTEMPTS if self._sending else 0):
-            try:
-                off = keep_off and self.pca.is_off()
-                self.found_pulses = not off
-                self._bring_up(off)
-                self._sleep((NEUTRAL_FRAMES if keep_off and not off else 2) * self.pca.frame)
-                break
-            except BusError as error:
-                self.counters.bus_errors += 1
-                self.fault = error
-                if attempt == MAX_ATTEMPTS - 1:
-                    raise
-                self._sleep(REOPEN_INTERVAL)
-        self._opened = True
+        try:
+            for attempt in range(MAX_ATTEMPTS if self._sending else 0):
+                try:
+                    off = keep_off and self.pca.is_off()
+                    self.found_pulses = not off
+                    self._bring_up(off)
+                    self._sleep((NEUTRAL_FRAMES if keep_off and not off else 2) * self.pca.frame)
+                    break
+                except BusError as error:
+                    self.counters.bus_errors += 1
+                    self.fault = error
+                    if attempt == MAX_ATTEMPTS - 1:
+                        raise
+                    self._sleep(REOPEN_INTERVAL)
+            self._opened = True
+        finally:
+            if not self._opened:  # nobody would end the neutral that was written
+                with suppress(BusError):
+                    self.end_pulses()
         return self.applied
 
     def close(self, beat: Callable[[bool], None] = lambda off: None) -> None:
@@ -140,8 +145,8 @@ class Actuator:
             self.applied = self._to_applied(_NO_PULSES, OFF_DEMAND.why)
 
     def end_pulses(self) -> None:
-        """Switch off all channels. Raises BusError."""
-        if self._sending:
+        """Switch off all channels of the PCA9685; another device gets no write. Raises BusError."""
+        if self._sending and self.pca.recognised:
             self.pca.all_off()
 
     # -- commands --------------------------------------------------------
@@ -265,6 +270,10 @@ class Actuator:
             self.clock_pulse(WATCH_PULSE_US if self.watched else None)
             self._watching = self.watched
 
+    def renew_watch_pulse(self) -> None:
+        """Write the pulse of the spare channel again with the next frame: the guard ended it."""
+        self._watching = False
+
     def clock_pulse(self, pulse_us: float | None) -> None:
         """Write a pulse to the spare clock channel, None = off. Raises BusError."""
         counts = None if pulse_us is None else Quantiser(self.pca.count_us).rest(pulse_us)
@@ -277,7 +286,7 @@ class Actuator:
         """Process one PWM frame. Bus errors are kept in ``fault`` and reported by ``trips()``.
 
         1. Drop expired commands and plan the pulses.
-        2. After a bus error, set the chip up again, at most each 100 ms.
+        2. After a bus error, write neutral, and set the chip up again, at most each 100 ms.
         3. Read the chip's settings back, once a second.
         4. Quantise and write both channels, also if nothing has changed.
         """
@@ -289,7 +298,10 @@ class Actuator:
         plan = self._planner.plan(now)
         self._note_expiry(now)
         self._planner.last = now
+        if not self._opened:
+            return self.applied
         if self.fault is not None:
+            self._write_rest()
             self._revive(now)
             return self.applied
         if self._sending and now - self._checked_at >= READ_BACK_INTERVAL \
@@ -377,7 +389,6 @@ class Actuator:
         counts = _NO_PULSES if off else rest
         self.pca.open(counts)
         self.fault = None
-        self._opened = True
         self._watching = self.moving = False
         self._planner.angle = self.map.angle(rest[0] * self.pca.count_us)
         self._planner.throttle = 0.0
@@ -399,9 +410,30 @@ class Actuator:
             self._revive(now)
         except BusError as error:
             self._note_bus_error(error, "PCA_WRITE_FAILED")
+            self._write_rest()
         else:
+            self.renew_watch_pulse()
             return True
         return False
+
+    def _write_rest(self) -> None:
+        """Write neutral by one plain write; a bus that often fails may never set the chip up.
+
+        After a change of its settings the counts may have another length: then no pulse.
+        """
+        off = self._planner.demand.throttle == "off" or isinstance(self.fault, PcaFault)
+        counts = _NO_PULSES if off else self._rest_counts(self._planner.angle)
+        try:
+            if off:
+                self.end_pulses()
+            else:
+                self._send(counts)
+        except BusError:
+            self.counters.bus_errors += 1
+            return
+        self.moving = False
+        self._planner.throttle = 0.0
+        self.applied = self._to_applied(counts, OFF_DEMAND.why if off else _NOT_ARMED)
 
     def _revive(self, now: float) -> None:
         """Open the chip again at neutral, at most each 100 ms."""
@@ -411,7 +443,8 @@ class Actuator:
         try:
             self._bring_up(self.demand().throttle == "off")
         except BusError as error:
-            self.fault = error
+            if not isinstance(self.fault, PcaFault):
+                self.fault = error
             self.counters.bus_errors += 1
             return
         self.counters.reinits += 1
