@@ -45,6 +45,8 @@ WAIT = st.sampled_from([0.3, 0.05, 0.0])
 class Guarded:
     """A guard process as the driver sees it, without the process."""
 
+    writes = False
+
     def __init__(self) -> None:
         self.tripped = False
         self.age = 0.0

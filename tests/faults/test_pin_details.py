@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import pytest
 from fault_table.drive import MAX_PWM_PERIOD_S, WAIVED, Drive, forward
@@ -93,6 +93,7 @@ def test_closing_writes_neutral_while_another_thread_holds_the_lock(tmp_path, cl
         if engine._own_lock.acquire(timeout=0.02):
             engine.driver.close(engine.now)
             engine._own_lock.release()
+        engine.driver.end_pulses = lambda: None
 
     with (patch.object(Engine, "close", Engine.close if closes else give_up),
           Drive(tmp_path, brief=True) as drive):
@@ -199,6 +200,7 @@ class RecordingGuard:
 def test_guard_trip_is_acknowledged_at_neutral_alone(at_neutral):
     post = object.__new__(GuardPost)
     post._guard = RecordingGuard()
+    post._actuator = Mock()
     post.beat(at_neutral=at_neutral)
     assert ("acknowledge" in post._guard.events) == at_neutral
     assert post._guard.events[-1] == "beat"

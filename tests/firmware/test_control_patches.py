@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 from firmware_rig import FIRMWARE
 
-HERE = Path(__file__).parent
-
 
 def list_patches(value: object) -> Iterator[tuple[str, str]]:
     """Yield (file, text) of each patch in a constant: (file, old, new), or several of them."""
@@ -21,7 +19,7 @@ def list_patches(value: object) -> Iterator[tuple[str, str]]:
             yield from list_patches(one)
 
 
-PATCHES = sorted({(path.stem, *patch) for path in HERE.glob("test_nano_*.py")
+PATCHES = sorted({(path.stem, *patch) for path in Path(__file__).parent.glob("test_nano_*.py")
                   for constant in vars(importlib.import_module(path.stem)).values()
                   for patch in list_patches(constant)})
 

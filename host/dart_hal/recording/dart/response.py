@@ -101,10 +101,10 @@ RESPONSES = {
 
 @dataclass(frozen=True, slots=True)
 class ResponseCurve:
-    """What a recording says of f, without a prior: values at the nodes (k,), and one more.
+    """Normal equations of f in one recording: values at its nodes (k,), and one more.
 
-    slope: the effect b of a trim of 1. information (k + 1, k + 1), vector (k + 1,): normal
-    equations of the values. center, width (k + 1,): mean and standard deviations of their prior.
+    slope: the effect b of a trim of 1. information (k + 1, k + 1) and vector (k + 1,): of the
+    values. center, width (k + 1,): mean and standard deviations of their prior.
     """
 
     slope: float
@@ -251,33 +251,33 @@ def _fit_steering(s: MotionSamples, min_speed: float) -> ResponseCurve | None:
     curvature = s.rate / np.maximum(s.speed, min_speed)
     steering = _filter_command(s.steering, curvature, use)
     # 2. The command that drives straight on, and the slope where the tyres hold best.
-    _, straight = _fit_line(steering[use], curvature[use])
-    turn = use & (np.abs(steering - straight) > MIN_COMMAND)
+    _, zero_command = _fit_line(steering[use], curvature[use])
+    turn = use & (np.abs(steering - zero_command) > MIN_COMMAND)
     if turn.sum() < MIN_SAMPLES:
         return None
-    demand = np.abs(steering[turn] - straight) * s.speed[turn]**2
+    demand = np.abs(steering[turn] - zero_command) * s.speed[turn]**2
     gentle = demand <= np.quantile(demand, max(GENTLE_SHARE, MIN_SAMPLES / len(demand)))
-    slope, straight = _fit_line(steering[turn][gentle], curvature[turn][gentle])
+    slope, zero_command = _fit_line(steering[turn][gentle], curvature[turn][gentle])
     if slope <= 0.0:
         return None
     # 3. Gentle driving by the slope. Selected by the measured acceleration, samples that turn less
     #    than others at the same command would remain.
-    acceleration = slope * (steering - straight) * s.speed**2
+    acceleration = slope * (steering - zero_command) * s.speed**2
     use &= np.abs(acceleration) < MAX_GENTLE_ACCELERATION
     use &= _range(steering, COMMAND_TIME) < MAX_COMMAND_RANGE
     if (use & turn).sum() < MIN_SAMPLES:
         return None
     # 4. Curvature at the nodes, and understeer.
     x = np.column_stack([_hats(steering[use], NODES), -slope * acceleration[use]])
-    center = np.append(slope * (NODES - straight), 0.0)
+    center = np.append(slope * (NODES - zero_command), 0.0)
     width = np.append(slope * (NODE_TRIM + NODE_DEVIATION * np.abs(NODES)), UNDERSTEER_DRIFT)
     return _fit_curve(slope, x, curvature[use], center, width, MIN_CURVE_SCATTER * slope)
 
 
 def _fit_line(command: FloatArray, curvature: FloatArray) -> tuple[float, float]:
-    """Fit curvature = slope (command - straight) robustly; return slope and ``straight``.
+    """Fit curvature = slope (command - zero) robustly; return slope and ``zero``.
 
-    ``straight`` has a prior, since turns to one side do not tell a trim from a gain. Both are 0
+    ``zero`` has a prior, since turns to one side do not separate a trim from a gain. Both are 0
     without commands or turns.
     """
     if not (command.any() and curvature.any()):
@@ -319,7 +319,7 @@ def _hats(values: FloatArray, nodes: FloatArray) -> FloatArray:
 
 def _fit_curve(slope: float, x: FloatArray, y: FloatArray, center: FloatArray, width: FloatArray,
                min_scatter: float) -> ResponseCurve:
-    """Fit y = x v with a prior by iterated Huber weights; return what the data say of v."""
+    """Fit y = x v with a prior by iterated Huber weights; return its normal equations."""
     prior = width**-2.0
     scale = min_scatter
     weight = np.ones(len(y))
