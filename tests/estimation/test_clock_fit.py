@@ -94,3 +94,17 @@ def test_hull_lies_under_every_pair_and_is_convex(points):
     assert slopes == sorted(slopes)
     (xa, _), (xb, _) = find_middle_edge(hull)
     assert xa <= 0.5 * (points[0][0] + points[-1][0]) <= xb
+
+
+@pytest.mark.parametrize("gap", [19.0, 21.0, 300.0])
+def test_a_silence_longer_than_the_window_starts_the_fit_anew(gap):
+    """A suspended computer, Ctrl-Z: the board runs on, and all stored pairs are too old."""
+    clock = ClockFit()
+    for k in range(3000):
+        t = 0.01 * k
+        clock.add_frame(t, 50.0 + t + 0.001, 0.0)
+    for k in range(3000):
+        t = 30.0 + gap + 0.01 * k
+        clock.add_frame(t, 50.0 + t + 0.001, 0.0)
+        host, std = clock.to_host(t)
+        assert abs(host - (50.0 + t)) < 3.0 * std + 0.002

@@ -256,3 +256,43 @@ def test_without_a_gyro_the_yaw_deviation_grows_with_time():
     yaw_std = odometry.pose.cov[2, 2] ** 0.5
     assert known < 0.05
     assert 2.0 * 0.3 <= yaw_std <= 2.0 * 0.6
+
+
+def test_slip_turns_the_path_outwards_in_reverse_as_well():
+    """The axle slides away from the centre of the bend whichever way the car drives."""
+    def end_of(speed, yaw_rate):
+        odometry = Odometry(slip_gain=0.03)
+        plain = Odometry()
+        for one in (odometry, plain):
+            one.update(0.0, 0.0, speed, yaw_rate, -AGE)
+            drive(one, speed, yaw_rate, 0.1)
+        return odometry.y - plain.y
+
+    forward = end_of(1.0, 1.0)                    # the centre is on the left
+    assert forward == pytest.approx(-0.003, rel=0.02)
+    assert end_of(-1.0, -1.0) == pytest.approx(forward, rel=0.02), "on the left too"
+    assert end_of(-1.0, 1.0) == pytest.approx(-forward, rel=0.02), "on the right"
+
+
+@pytest.mark.parametrize(("gap", "least", "most"), [
+    (0.02, 0.0, 0.0), (0.03, 0.0005, 0.003), (0.1, 0.02, 0.06), (1.0, 0.25, 1.0)])
+def test_yaw_over_a_gap_of_frames_is_as_uncertain_as_what_was_not_measured(gap, least, most):
+    odometry = Odometry(gyro_bias_std=0.0)
+    drive(odometry, 1.0, 0.0, 0.5)
+    before = odometry.pose.cov[2, 2]
+    step = odometry.update(0.5 + gap, 0.5 + gap, 1.0, 0.0, 0.5 + gap - AGE)
+    added = math.sqrt(max(odometry.pose.cov[2, 2] - before - gap * OdometryNoise().gyro_noise**2,
+                          0.0))
+    assert least <= added <= max(most, 1e-3)
+    assert math.sqrt(step.yaw_variance) == pytest.approx(added, abs=1e-3)
+
+
+def test_a_car_that_is_turned_by_hand_turns_and_its_place_becomes_unsure():
+    odometry = Odometry(gyro_bias_std=0.001)
+    drive(odometry, 0.0, 0.0, 1.0)
+    assert odometry.pose.cov[0, 0] == 0.0
+    drive(odometry, 0.0, 1.5, 1.0, start=1.0)
+    drive(odometry, 0.0, 0.0, 1.0, start=2.0)
+    assert odometry.yaw == pytest.approx(1.5, abs=0.03)
+    assert math.sqrt(odometry.pose.cov[0, 0]) == pytest.approx(0.3, rel=0.1)
+    assert odometry.bias.value == pytest.approx(0.0, abs=1e-3), "and no bias is learnt"

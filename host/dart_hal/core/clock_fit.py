@@ -150,8 +150,10 @@ class ClockFit:
             self._offset = inf
         else:
             self._bins.append(self._best)
-            while self._bins[0][0] < t_dev - FIT_WINDOW:
+            while self._bins and self._bins[0][0] < t_dev - FIT_WINDOW:
                 self._bins.popleft()
+            if not self._bins:  # after a silence: the best pair is as old
+                self._best = None
         self._bin_end = t_dev + BIN_WIDTH
         self._best_residual = inf
 

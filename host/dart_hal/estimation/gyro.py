@@ -21,7 +21,7 @@ GYRO_QUANTUM = 1.0 / 900.0
 class GyroBias:
     """Bias of the yaw gyro [rad/s] and its standard deviation, learnt while the car is at rest.
 
-    noise: rad/s per sqrt(Hz). A reading outside the gate (the car is being carried)
+    noise: rad/s per sqrt(Hz). A reading outside the gate (the car is being turned by hand)
     restarts the settling time and is not used.
     """
 
@@ -42,23 +42,23 @@ class GyroBias:
         self._rest_time = 0.0
         self._learning = False
 
-    def observe(self, reading: float, dt: float, on_begin: Callable[[float], None]) -> None:
+    def observe(self, reading: float, dt: float, on_begin: Callable[[float], None]) -> bool:
         """Update the bias with one reading [rad/s] at rest, ``dt`` s after the one before.
 
         ``on_begin`` gets the standard deviation of the old bias once, before the first
-        reading of this standstill changes it.
+        reading of this standstill changes it. Returns False for a reading outside the gate.
         """
         if dt <= 0.0:
-            return
+            return True
         sample = self._noise_density**2 / dt + GYRO_QUANTUM * GYRO_QUANTUM / 12.0
         innovation = reading - self.value
         if innovation * innovation > (
                 GYRO_GATE * GYRO_GATE * (self._variance + sample) + GYRO_QUANTUM**2):
             self.stop_learning()
-            return
+            return False
         self._rest_time += dt
         if self._rest_time < SETTLING_TIME:
-            return
+            return True
         if not self._learning:
             on_begin(self.std)
             self._learning = True
@@ -66,3 +66,4 @@ class GyroBias:
         gain = self._variance / (self._variance + CORRELATION_FACTOR * sample)
         self.value += gain * innovation
         self._variance *= 1.0 - gain
+        return True

@@ -48,6 +48,27 @@ MAX_GYRO_GAP = 0.5
 NO_GYRO_RATE_STD = 0.3
 # Additional error as a share of the turn rate: understeer.
 NO_GYRO_RATE_SHARE = 0.3
+# m: a car that is turned by hand turns about a point within its wheelbase.
+HAND_RADIUS = 0.2
+# rad/s2, one sigma: yaw acceleration of a car that steers in.
+YAW_ACCELERATION_STD = 15.0
+# s between two samples of the gyro beyond which some are missing.
+MAX_SAMPLE_GAP = 2.5 * PERIOD
+
+
+def gap_turn_variance(gap: float, before: float, after: float) -> float:
+    """Return the variance [rad2] of a turn over a gap [s] between two samples of the gyro.
+
+    The trapezoid of the samples [rad/s] is wrong by what the yaw rate did between them: by half the
+    gap squared times the yaw acceleration where the gap is short, by the error of a turn rate that
+    is not measured where it is long.
+    """
+    if gap <= MAX_SAMPLE_GAP:
+        return 0.0
+    missing = gap - PERIOD
+    unmeasured = NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(before + after) / 2.0 + abs(
+        after - before)
+    return min(0.25 * YAW_ACCELERATION_STD * missing**2, unmeasured * missing)**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,22 +182,32 @@ class Odometry:
         self._distance = distance
         self._now = now
         at_rest = speed == 0.0 and travel == 0.0 and speed_error == 0.0
+        # At rest the gyro shows its bias, unless somebody turns or carries the car.
+        if at_rest and gyro_z is not None and not self.bias.observe(
+                gyro_z, dt, self._convert_bias_error):
+            at_rest = False
+            speed_error = HAND_RADIUS * abs(gyro_z - self.bias.value)
+        begin = self._t_gyro
+        before = self._rate
         withheld_sample = accepted.withheld_sample if accepted is not None else None
         turn, unknown_variance, seconds = self._integrate_yaw(
             now, gyro_z, t_gyro, rate, dt, yaw_rate_hint, at_rest, age_std, withheld_sample)
         if at_rest:
             return MotionStep(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, at_rest=True)
         white = self.noise.gyro_noise**2 * seconds
+        gap_variance = 0.0
+        if begin is not None and self._t_gyro is not None:
+            gap_variance = gap_turn_variance((self._t_gyro - begin) * rate, before, self._rate)
         sample_variance = (self._single_sample_variance(accepted, rate)
                            if accepted is not None else 0.0)
-        self._add_arc(travel, turn, white + unknown_variance + sample_variance, seconds,
-                      speed * self._rate)
+        self._add_arc(travel, turn, white + unknown_variance + sample_variance + gap_variance,
+                      seconds, speed * self._rate)
         place = self._add_place_error(speed_error, dt)
         if dt <= 0.0:
             return MotionStep(0.0, 0.0, 0.0)
         biased = turn + self.bias.value * seconds
         has_gyro = seconds > 0.0
-        yaw_variance = sample_variance if has_gyro else unknown_variance
+        yaw_variance = sample_variance + gap_variance if has_gyro else unknown_variance
         return MotionStep(dt, travel / dt, biased / dt, yaw_variance, has_gyro,
                           speed_error=speed_error, place_variance=place)
 
@@ -221,9 +252,8 @@ class Odometry:
             return self._rate * dt, self._no_gyro_error**2 - before**2, 0.0
         self._t_valid = now
         self._no_gyro_error = 0.0
-        # 2. At rest: the gyro shows its bias.
+        # 2. At rest.
         if at_rest:
-            self.bias.observe(gyro_z, dt, self._convert_bias_error)
             self._rate = self._slow_rate = self._extrapolated = 0.0
             self._t_gyro = t_gyro
             return 0.0, 0.0, 0.0
@@ -272,7 +302,7 @@ class Odometry:
         chord = travel * (sin(half) / half if abs(half) > 1e-6 else 1.0)
         c = cos(middle)
         s = sin(middle)
-        outwards = travel * lateral  # per rad/(m/s2) of slip gain, to the right
+        outwards = abs(travel) * lateral  # per rad/(m/s2) of slip gain, to the right
         sideways = self._slip_gain * outwards
         dx = chord * c + sideways * s
         dy = chord * s - sideways * c

@@ -127,7 +127,7 @@ def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise)
     c = cos(middle)
     s = sin(middle)
     chord = wheels * dt * (sin(half) / half if abs(half) > 1e-6 else 1.0)
-    outwards = length * speed * omega  # per rad/(m/s2) of slip gain, to the right
+    outwards = abs(length) * speed * omega  # per rad/(m/s2) of slip gain, to the right
     ahead = (1.0 + travel) * chord
     sideways = slip * outwards
     dx = ahead * c + sideways * s
