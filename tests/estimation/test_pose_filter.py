@@ -16,6 +16,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose
 from dart_hal.estimation import Odometry, OdometryNoise
 from dart_hal.estimation.gyro import CORRELATION_FACTOR, GYRO_QUANTUM
+from dart_hal.estimation.odometry import GYRO_LATENCY
 from dart_hal.estimation.pose_filter import FILTER_HISTORY, PoseFilter, PoseVerdict
 from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE_NOISE, SLIP, SPEED, TRAVEL
 
@@ -292,6 +293,17 @@ def test_ahead_is_where_the_car_will_be_if_it_goes_on():
     assert ahead.mean == pytest.approx(then.mean, abs=1e-4)
     assert state.mean[[SPEED, RATE]] == pytest.approx((1.0, 1.0))
     assert ahead.cov[0, 0] > state.cov[0, 0]
+
+
+def test_the_yaw_rate_is_as_unsure_as_the_gyro_is_late():
+    def rate_std(yaw_acceleration):
+        pose_filter = PoseFilter(gyro_bias_std=1e-4)
+        for _ in range(10):
+            pose_filter.predict(FILTER_PERIOD, 1.0, 0.5, yaw_acceleration=yaw_acceleration)
+        return math.sqrt(pose_filter.estimate().cov[RATE, RATE])
+
+    late = GYRO_LATENCY + 0.5 * FILTER_PERIOD
+    assert rate_std(2.0) == pytest.approx(math.hypot(rate_std(0.0), 2.0 * late), rel=0.01)
 
 
 motions = st.tuples(

@@ -30,9 +30,9 @@ def in_room(t, speed=1.0):
     return 3.0 + c * p.x - s * p.y, -1.0 + s * p.x + c * p.y, p.yaw + 2.0
 
 
-def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
+def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004, tracker=None):
     """(t, External) of each frame; ``see`` changes what the source sends, None = nothing."""
-    tracker = PoseTracker()
+    tracker = tracker or PoseTracker()
     out = []
     travelled = 0.0
     waiting = []
@@ -67,6 +67,26 @@ def test_poses_that_fit_are_tracked():
     assert results[0][1].pose is None
     assert max(error(e, true) for _, e, true in results[10:]) < 0.01
     assert max(e.age for _, e, _ in results[10:]) < 0.03
+
+
+def test_poses_that_are_older_than_their_stamps_are_where_the_car_was_then():
+    """The fit of the clocks cannot see a latency that is always there: a calibration states it."""
+    delay = 5
+    measured = []
+
+    def late(t, pose):
+        measured.append(pose)
+        return measured[max(len(measured) - 1 - delay, 0)]
+
+    plain = run(4.0, late)
+    known = run(4.0, late, tracker=PoseTracker(latency=0.01 * delay, latency_std=0.02))
+    assert min(error(e, true) for _, e, true in plain[50:]) > 0.04, "control: 1 m/s for 50 ms"
+    assert max(error(e, true) for _, e, true in known[50:]) < 0.01
+    assert {str(e.tracking) for _, e, _ in known[50:]} == {"TRACKING"}
+    assert all(e.age > 0.045 for _, e, _ in known[50:])
+    added = [np.trace(b.pose.cov[:2, :2] - a.pose.cov[:2, :2])
+             for (_, a, _), (_, b, _) in zip(plain[50:], known[50:], strict=True)]
+    assert np.sqrt(np.mean(added)) == pytest.approx(0.02, rel=0.2), "1 m/s times its error"
 
 
 def test_dead_reckoning_goes_on_with_growing_covariance_then_is_lost():

@@ -150,8 +150,10 @@ def make_track(states: list[State], poses: list[ExternalPose]) -> MarkerTrack:
     car_t = np.array([s.t for s in states])
     # A pose is older than its stamp, so the first poses precede the first State.
     inside = (t > car_t[0] + 0.3) & (t < car_t[-1])
+    variance = np.median([np.diag(p.cov) for p in poses], axis=0)
+    std = math.sqrt(0.5 * (variance[0] + variance[1])), math.sqrt(variance[2])
     return MarkerTrack(car_t, car, np.array([s.speed for s in states]), t[inside],
-                       measured[inside])
+                       measured[inside], std)
 
 
 def check(track: MarkerTrack) -> None:

@@ -106,7 +106,8 @@ class MotionStep(NamedTuple):
     the steering angle where ``gyro`` is False; yaw_variance [rad2]: of the turn, beyond
     the errors of the gyro; at_rest: the car is stationary, not only between two edges of its
     encoder; speed_error [m/s]: one sigma of the wheel speed while it is in doubt, and
-    place_variance [m2] per axis that follows from it.
+    place_variance [m2] per axis that follows from it; yaw_acceleration [rad/s2]: change of the
+    yaw rate, of which the last sample of the gyro is late.
     """
 
     dt: float
@@ -117,6 +118,7 @@ class MotionStep(NamedTuple):
     at_rest: bool = False
     speed_error: float = 0.0
     place_variance: float = 0.0
+    yaw_acceleration: float = 0.0
 
 
 class Odometry:
@@ -141,7 +143,7 @@ class Odometry:
         self._scale_sensitivity = (0.0, 0.0, 0.0)
         self._slip_sensitivity = (0.0, 0.0)
         self._extrapolated = 0.0
-        self._rate = self._slow_rate = 0.0
+        self._rate = self._slow_rate = self._rate_change = 0.0
         self._t_gyro: float | None = None
         self._t_valid = -inf
         self._distance: float | None = None
@@ -209,7 +211,8 @@ class Odometry:
         has_gyro = seconds > 0.0
         yaw_variance = sample_variance + gap_variance if has_gyro else unknown_variance
         return MotionStep(dt, travel / dt, biased / dt, yaw_variance, has_gyro,
-                          speed_error=speed_error, place_variance=place)
+                          speed_error=speed_error, place_variance=place,
+                          yaw_acceleration=self._rate_change if has_gyro else 0.0)
 
     def _single_sample_variance(self, accepted: AcceptedSample, rate: float) -> float:
         """Return the variance of the turn [rad2] by single wrong samples, rejected or not.
@@ -279,7 +282,7 @@ class Odometry:
         self._rate = omega
         self._extrapolated = extrapolated
         # 4. Variance by the unknown age of the sample, times the change of the rate.
-        change = (omega - self._slow_rate) / RATE_CHANGE_TIME
+        self._rate_change = change = (omega - self._slow_rate) / RATE_CHANGE_TIME
         self._slow_rate += change * min(dt, RATE_CHANGE_TIME)
         return turn, (self.noise.gyro_age * age_std / AGE_STD * change)**2 * dt, dt
 

@@ -134,13 +134,13 @@ class PoseFilter:
 
     def predict(self, dt: float, speed: float, yaw_rate: float, yaw_variance: float = 0.0,
                 gyro: bool = True, at_rest: bool = False, speed_error: float = 0.0,
-                place_variance: float = 0.0) -> None:
+                place_variance: float = 0.0, yaw_acceleration: float = 0.0) -> None:
         """Advance by ``dt`` s; the arguments are those of ``MotionStep``. Ignored below MIN_STEP.
 
         Raises UsageError, and changes nothing, for values that no car reaches.
         """
         motion = MotionStep(dt, speed, yaw_rate, yaw_variance, gyro, at_rest, speed_error,
-                            place_variance)
+                            place_variance, yaw_acceleration)
         if not (all(map(isfinite, motion)) and abs(speed) <= MAX_SPEED
                 and abs(yaw_rate) <= MAX_YAW_RATE and dt <= MAX_FRAME_GAP
                 and 0.0 <= yaw_variance <= (MAX_YAW_RATE * MAX_FRAME_GAP)**2

@@ -38,6 +38,7 @@ from dart_hal.estimation.gyro import (
     SETTLING_TIME,
 )
 from dart_hal.estimation.odometry import (
+    GYRO_LATENCY,
     NO_GYRO_RATE_SHARE,
     NO_GYRO_RATE_STD,
     MotionStep,
@@ -115,7 +116,7 @@ def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise)
     """
     if motion.at_rest:
         return _predict_rest(state, motion, noise)
-    dt, wheels, rate, variance, gyro, _, speed_error, place = motion
+    dt, wheels, rate, variance, gyro, _, speed_error, place, yaw_acceleration = motion
     mean = state.mean.copy()
     (bias, scale, travel, slip) = state.mean[BIAS:LX].tolist()
     gain = 1.0 + scale if gyro else 1.0
@@ -162,7 +163,9 @@ def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise)
         (-0.5 * dy * q_yaw, 0.5 * dx * q_yaw, q_yaw))
     cov[SPEED, SPEED] += SPEED_STD**2 + speed_error**2
     rate_std = GYRO_SAMPLE_STD if gyro else NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(rate)
-    cov[RATE, RATE] += rate_std**2
+    # The samples of the gyro are late, and the yaw rate is the mean of a frame.
+    late = (GYRO_LATENCY + 0.5 * dt) * yaw_acceleration
+    cov[RATE, RATE] += rate_std**2 + late**2
     return FilterState(mean, _regularise(cov))
 
 

@@ -12,6 +12,7 @@ metres: at rest a right pose cannot be distinguished from a wrong one.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from enum import Enum
 from itertools import pairwise
 from math import atan2, cos, hypot, inf, sin, sqrt, tau
@@ -53,6 +54,8 @@ MIN_DISTANCE_RATIO = 0.7
 MAX_DISTANCE_RATIO = 1.4
 # rad between both.
 MAX_DIRECTION_ERROR = 0.5
+# s over which the velocity at a pose is taken.
+VELOCITY_TIME = 0.05
 # s of odometry stored for poses that arrive late.
 ODOMETRY_HISTORY = 2.0
 
@@ -80,11 +83,15 @@ class PoseOutcome(Enum):
 class PoseTracker:
     """One per open car: ``update`` for each State, ``add`` for each pose, then ``estimate_at``.
 
-    own_clock: stamps are on the clock of the car, as those of its own lidar.
+    own_clock: stamps are on the clock of the car, as those of its own lidar. latency, latency_std
+    [s]: time from a measurement to its stamp, beyond the smallest delay of the network.
     """
 
-    def __init__(self, *, own_clock: bool = False) -> None:
+    def __init__(self, *, own_clock: bool = False, latency: float = 0.0,
+                 latency_std: float = 0.0) -> None:
         self._own_clock = own_clock
+        self._latency = latency
+        self._latency_std = latency_std
         self._clock = ClockFit(byte_time=0.0, latch_delay=0.0)
         self._first_stamp: float | None = None
         self._stamp = -inf
@@ -118,7 +125,7 @@ class PoseTracker:
         since = pose.stamp - self._first_stamp
         self._clock.add_frame(since, pose.arrival, 0.0)
         measured = pose.stamp if self._own_clock else self._clock.to_host(since)[0]
-        t = min(measured, pose.arrival)
+        t = min(measured, pose.arrival) - self._latency
         self._step += 0.1 * (min(t - self._newest_t, 1.0) - self._step)
         self._newest_t = t
         fix = _TimedPose(t, pose, self._odometry_at(t))
@@ -133,7 +140,7 @@ class PoseTracker:
                             self._newest)
         last = self._accepted[-1]
         age = max(t - last.t, 0.0)
-        fresh = max(MAX_FRESH_AGE, MAX_FRESH_STEPS * self._step)
+        fresh = self._latency + max(MAX_FRESH_AGE, MAX_FRESH_STEPS * self._step)
         if self._candidates and t - self._newest_t <= fresh:
             tracking = Tracking.JUMPED
         elif age <= fresh:
@@ -141,7 +148,17 @@ class PoseTracker:
         else:
             tracking = Tracking.DEAD_RECKONING if age <= LOST_AFTER else Tracking.LOST
         pose = propagate_pose(last.pose, last.odometry, self._odometry_at(t))
-        return External(tracking, age, pose, self._newest)
+        return External(tracking, age, self._add_latency_error(pose, last), self._newest)
+
+    def _add_latency_error(self, pose: Pose, fix: _TimedPose) -> Pose:
+        """Add the error of the latency: the motion of the car in that time, when it was measured."""
+        moved = _move_marker(fix.pose, self._odometry_at(fix.t - VELOCITY_TIME), fix.odometry)
+        x, y, yaw = (after - before for after, before in zip(
+            moved, (fix.pose.x, fix.pose.y, fix.pose.yaw), strict=True))
+        error = np.array((x, y, yaw)) * (self._latency_std / VELOCITY_TIME)
+        cov = pose.cov + np.outer(error, error)
+        cov.setflags(write=False)
+        return replace(pose, cov=cov)
 
     def _odometry_at(self, t: float) -> Pose:
         """Interpolate the odometry linearly; beyond the newest State extrapolate the last step."""

@@ -77,9 +77,9 @@ class ExternalPoseEstimator:
     def __init__(self, odometry: Odometry, marker: MarkerModel = UNKNOWN_MARKER, *,
                  own_clock: bool = False,
                  map_errors: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        self._tracker = PoseTracker(own_clock=own_clock)
+        self._tracker = PoseTracker(own_clock=own_clock, latency=marker.latency,
+                                    latency_std=marker.std[3])
         self._map_cov = np.diag(np.square((*map_errors, 0.0, 0.0))) if any(map_errors) else None
-        self._latency = marker.latency
         marker = marker._replace(latency=0.0)
         self._filter = PoseFilter(
             replace(odometry.noise, slip_gain=SLIP_GAIN_STD), slip_gain=SLIP_GAIN,
@@ -135,7 +135,6 @@ class ExternalPoseEstimator:
     def add(self, pose: ExternalPose) -> None:
         """Add a received pose."""
         outcome, t = self._tracker.add(pose)
-        t -= self._latency
         if outcome is PoseOutcome.FALSE_LOCK:
             self._waiting.clear()
             if self._t is not None:

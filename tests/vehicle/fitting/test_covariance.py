@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.vehicle.fitting.covariance import block_covariance, plain_covariance
+from dart_hal.vehicle.fitting.covariance import (
+    block_covariance,
+    leverage_covariance,
+    plain_covariance,
+)
 from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
 
 
@@ -80,3 +84,18 @@ def test_a_fit_of_many_parameters_counts_them():
             out.append(x / std)
     assert np.mean(np.abs(found) < 1.645) > np.mean(np.abs(plain) < 1.645) + 0.02
     assert 0.85 < np.mean(np.abs(found) < 1.645) < 0.95
+
+
+@pytest.mark.parametrize("noise", [1.0, 5.0])
+def test_a_robust_fit_is_as_unsure_as_its_noise_is_larger_than_its_scale(noise):
+    """With the weights of the least squares in place of the second derivative: 1.8 for noise 5."""
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=600)
+    block = np.repeat(np.arange(30), 20)
+    deviations = []
+    for _ in range(60):
+        y = noise * rng.normal(size=600)
+        fit = least_squares(lambda p, y=y: y - p[0] - p[1] * x, [0.0, 0.0],
+                            ([-100.0] * 2, [100.0] * 2), robust=3.0)
+        deviations += list(fit.x / np.sqrt(np.diag(leverage_covariance(fit, block))))
+    assert np.sqrt(np.mean(np.square(deviations))) == pytest.approx(1.0, abs=0.2)

@@ -107,7 +107,10 @@ def leverage_covariance(s: Solution, block: IntArray) -> FloatArray:
     jac = s.jacobian * np.sqrt(s.weight)[:, None]
     inverse = scaled_inverse(jac.T @ jac)
     meat = leverage_scores(s, block, inverse)
-    return _infinite_where_undetermined(np.asarray(inverse @ meat @ inverse), s)
+    # A change of the parameters changes the gradient by the second derivative of the loss. That of
+    # the soft L1 loss is the cube of its weight: 1 / (1 + (x / scale)^2)^(3/2).
+    bread = scaled_inverse(s.jacobian.T @ (s.jacobian * s.weight[:, None]**3))
+    return _infinite_where_undetermined(np.asarray(bread @ meat @ bread), s)
 
 
 def leverage_scores(s: Solution, block: IntArray, inverse: FloatArray) -> FloatArray:
