@@ -206,3 +206,23 @@ def test_rolling_down_a_slope_at_neutral_is_no_fault():
     speeds = [*ramp(0.0, -1.0, 1.0), *ramp(-1.0, -0.5, 1.0)]
     assert not any(run_watch(speeds, [0.0] * 100 + [0.2] * 100))
     assert not any(run_watch([-v for v in speeds], [0.0] * 100 + [-0.2] * 100))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "speed"), [(8, 1.0), (11, 1.2), (19, 1.0)])
+def test_a_sound_car_that_reverses_without_a_pause_is_not_disarmed(seed, speed):
+    """The acceleration of the last 0.4 s confirmed the old sign of a wheel that had passed zero."""
+    backend = open_backend(f"sim://?seed={seed}&nano=mock")
+    world = world_of(backend)
+    errors = []
+    with Car.over(backend) as car:
+        car.arm(waive=("CALIBRATION_MISSING",))
+        start = car.now
+        for state in car.states(duration=6.0):
+            going_back = state.t - start < 3.0
+            car.drive_speed(steering=0.0, speed=-speed if going_back else speed)
+            if not going_back:
+                error = state.speed - world.truth(state.t).v_x
+                errors.append(abs(error) / max(state.speed_std, 0.02))
+        assert car.mode == "ARMED"
+    assert sum(error > 3.0 for error in errors) <= 0.01 * len(errors)

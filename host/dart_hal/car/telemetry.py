@@ -180,7 +180,8 @@ class Telemetry:
         external = (self.room.update(t, pose, motion, acc[0] if acc else None)
                     if self.room is not None else None)
         return State(
-            t, seq, speed, combine_std(speed_std, self.encoder.std),
+            t, seq, speed, combine_std(self.speed.add_unseen_motion(speed_std, acc and acc[0]),
+                                       self.encoder.std),
             None if gyro_z is None else gyro_z - odometry.bias.value,
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,
             applied, health, external)
@@ -196,6 +197,8 @@ class Telemetry:
         found = self.encoder.std if self.encoder.doubts else 0.0
         if self.speed.rejected:
             found = max(found, std)
+        if self.speed.may_have_reversed:
+            found = max(found, abs(speed))
         if Doubt.CAR_SLIDES.value in self.imu.doubts:
             found = max(found, SLIDING_SPEED_SHARE * abs(speed))
         return found

@@ -52,12 +52,12 @@ NO_GYRO_RATE_SHARE = 0.3
 HAND_RADIUS = 0.2
 # rad/s2, one sigma: yaw acceleration of a car that steers in.
 YAW_ACCELERATION_STD = 15.0
-# s between two samples of the gyro beyond which some are missing.
+# s between two frames with a sample of the gyro beyond which some are missing.
 MAX_SAMPLE_GAP = 2.5 * PERIOD
 
 
 def gap_turn_variance(gap: float, before: float, after: float) -> float:
-    """Return the variance [rad2] of a turn over a gap [s] between two samples of the gyro.
+    """Return the variance [rad2] of a turn over a gap [s] between two frames with a gyro sample.
 
     The trapezoid of the samples [rad/s] is wrong by what the yaw rate did between them: by half the
     gap squared times the yaw acceleration where the gap is short, by the error of a turn rate that
@@ -189,7 +189,7 @@ class Odometry:
                 gyro_z, dt, self._convert_bias_error):
             at_rest = False
             speed_error = HAND_RADIUS * abs(gyro_z - self.bias.value)
-        begin = self._t_gyro
+        begin = self._t_valid if self._t_gyro is not None else now
         before = self._rate
         withheld_sample = accepted.withheld_sample if accepted is not None else None
         turn, unknown_variance, seconds = self._integrate_yaw(
@@ -197,9 +197,7 @@ class Odometry:
         if at_rest:
             return MotionStep(dt, 0.0, gyro_z or 0.0, 0.0, gyro_z is not None, at_rest=True)
         white = self.noise.gyro_noise**2 * seconds
-        gap_variance = 0.0
-        if begin is not None and self._t_gyro is not None:
-            gap_variance = gap_turn_variance((self._t_gyro - begin) * rate, before, self._rate)
+        gap_variance = gap_turn_variance((now - begin) * rate, before, self._rate)
         sample_variance = (self._single_sample_variance(accepted, rate)
                            if accepted is not None else 0.0)
         self._add_arc(travel, turn, white + unknown_variance + sample_variance + gap_variance,

@@ -46,6 +46,9 @@ MAX_COASTING_REVERSAL_SPEED = 0.3
 MAX_DRIVEN_REVERSAL_SPEED = 0.6
 # m/s2 rms hidden by the age of a pair; enters the standard deviation only.
 PAIR_ACCELERATION_STD = 2.0
+# m/s2: of a start without accelerometer, and error of the accelerometer: tilt and offset.
+START_ACCELERATION = 5.0
+ACCEL_ERROR = 0.5
 # Number of frames, 0.5 s, searched for the slowest moment before a reversal that the second ring
 # reports 0.1 to 0.2 s later.
 REVERSAL_FRAMES = 50
@@ -89,6 +92,8 @@ class WheelSpeed:
         self._driven = self._confirmed = False
         self._noise_time = self._extrapolated = 0.0
         self._noise_edges = 0
+        # s: since the wheel has been driven without a pause; since the last edge.
+        self._driven_time = self._age = 0.0
         self._pair_time = 0.0
         self._pair_std = 0.0
         self._edges: deque[_Edge] = deque()
@@ -117,6 +122,7 @@ class WheelSpeed:
         self._count = count
         self._now = now
         self._time_since_start += dt
+        self._driven_time = self._driven_time + dt if hint else 0.0
         if new > 3 and self._is_noise(new, dt):
             return self._extrapolate(new, dt)
         self.rejected = False
@@ -135,6 +141,32 @@ class WheelSpeed:
     def is_direction_uncertain(self) -> bool:
         """Whether the wheels turn, and neither command nor acceleration gives the direction."""
         return self.ambiguous and self.speed != 0.0 and self._inertial_direction != self.direction
+
+    @property
+    def may_have_reversed(self) -> bool:
+        """Whether the wheels turn, and may turn the other way: they were slow against a command."""
+        confirmed = self._inertial_direction == self.direction
+        limit = MAX_COASTING_REVERSAL_SPEED if confirmed else MAX_DRIVEN_REVERSAL_SPEED
+        return self.ambiguous and self.speed != 0.0 and self._slowest_speed < limit
+
+    def add_unseen_motion(self, std: float, accel: float | None) -> float:
+        """Return a standard deviation of ``update`` [m/s] with what the edges cannot show yet.
+
+        1. The acceleration, accel [m/s2] (None: not measured), acts since the middle of the pair.
+        2. A wheel that is driven may turn, with less than one gap since then.
+        3. A wheel that was slow against the command may turn the other way.
+        """
+        if self._silent:
+            seconds = self._driven_time
+            gap = self._ring.gap(self._interval)
+            if seconds > 0.0:
+                a = START_ACCELERATION if accel is None else abs(accel) + ACCEL_ERROR
+                # Constant acceleration: the last speed is twice the mean.
+                fastest = min(a * seconds, sqrt(2.0 * a * gap), 2.0 * gap / seconds)
+                std = max(std, fastest / SQRT3)
+        elif accel is not None and abs(accel) > PAIR_ACCELERATION_STD:
+            std = hypot(std, accel * (0.5 * self._pair_time + self._age))
+        return max(std, abs(self.speed)) if self.may_have_reversed else std
 
     def correct_direction(self, direction: int, certain: bool = False) -> None:
         """Take in a measured direction; 0 = not known.
@@ -313,7 +345,10 @@ class WheelSpeed:
         if self._silent or (
                 new < 2 and silence * MAX_SIGN_CHANGE_SPEED > self._ring.gap(self._interval)):
             self._reverse()
-        elif speed <= self._slowest_speed or self._inertial_direction == self.direction:
+        elif speed <= self._slowest_speed or (
+                # The acceleration looks back by 0.4 s: at low speed it confirms the old sign.
+                self._inertial_direction == self.direction
+                and self._slowest_speed > MAX_COASTING_REVERSAL_SPEED):
             self._slowest_speed = speed
             self._slowest_interval = self._interval
         elif self._slowest_speed < MAX_DRIVEN_REVERSAL_SPEED and self._is_accelerating(speed):
@@ -347,6 +382,7 @@ class WheelSpeed:
     def _interpolate(self, age: float) -> tuple[float, float]:
         """Bound the speed by the silence since the last edge, and place the car in its gap."""
         gap = self._ring.gap(self._interval)
+        self._age = age
         if self._silent or age > ZERO_AFTER:
             self._silent = True
             self.speed = 0.0
