@@ -151,7 +151,7 @@ class PoseTracker:
         return External(tracking, age, self._add_latency_error(pose, last), self._newest)
 
     def _add_latency_error(self, pose: Pose, fix: _TimedPose) -> Pose:
-        """Add the error of the latency: the motion of the car in that time, when it was measured."""
+        """Add the error of the latency: the motion of the car in that time, at the measurement."""
         moved = _move_marker(fix.pose, self._odometry_at(fix.t - VELOCITY_TIME), fix.odometry)
         x, y, yaw = (after - before for after, before in zip(
             moved, (fix.pose.x, fix.pose.y, fix.pose.yaw), strict=True))
