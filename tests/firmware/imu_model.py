@@ -70,6 +70,7 @@ class Part:
         self.updates: tuple[int, ...] = (0,)  # ticks into the slot, multiples of 0.5 ms
         self.deaf_to_power = False
         self.offsets_stick = True
+        self.reserved_mode = 0  # bits 7 to 4 as they read
         self.calib = 0xFF
         self.reads: list[int] = []  # registers
         self.log: list[tuple[str, int, int]] = []
@@ -103,8 +104,9 @@ class Part:
 
     def sample(self) -> None:
         self.reg[CALIB] = self.calib
-        self.reg[SYS_STATUS] = 5 if self.reg[MODE] == 8 else 0
-        if self.reg[MODE] == 8 and not self.frozen:
+        fused = self.reg[MODE] & 0x0F == 8
+        self.reg[SYS_STATUS] = 5 if fused else 0
+        if fused and not self.frozen:
             self.level = self.level % 1000 + 1
             for i in range(3):
                 for base in (LIA, GYR):
@@ -119,6 +121,8 @@ class Part:
             if reg + i >= OFFSETS and not self.offsets_stick:
                 continue
             self.reg[reg + i] = value
+            if reg + i == MODE:
+                self.reg[MODE] |= self.reserved_mode
         if reg == TRIGGER and data[0] & 0x20:
             self.boot(650 * MS)
 

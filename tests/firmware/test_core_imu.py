@@ -55,6 +55,33 @@ def test_start_up_takes_what_the_part_takes(core: c.CDLL) -> None:
     assert part.log.index(("w", UNIT, 2)) < part.log.index(("w", MODE, 8))
 
 
+def test_reserved_bits_of_the_mode_may_read_as_the_part_likes(core: c.CDLL) -> None:
+    """The data sheet states 0x1C after a reset, and the bits 7 to 4 as reserved."""
+    part = Part(core)
+    part.reserved_mode = 0x10
+    part.until(RUN, 1000)
+    view = part.slots(200)
+    assert view.valid
+    assert view.reinit == 0
+
+
+@pytest.mark.parametrize(("byte_us", "runs"), [(200, True), (270, True), (400, False)])
+def test_offsets_are_restored_over_the_slowest_bus_that_may_be_set(core: c.CDLL, byte_us: int,
+                                                                   runs: bool) -> None:
+    """100 kHz and 180 us of stretching are 270 us a byte; the control is a bus that hangs."""
+    learnt = running(core)
+    learnt.reg[OFFSETS:OFFSETS + 22] = bytes(range(1, 23))
+    learnt.quiet = True
+    learnt.slots(60, moving=False)
+    learnt.until(RUN, 200)
+    while core.imu_store_step():
+        pass
+    part = Part(core, stretch=byte_us * MS // 1000)
+    part.slots(150)
+    assert (part.view().timeout == 0) == runs
+    assert (bytes(part.reg[OFFSETS:OFFSETS + 22]) == bytes(range(1, 23))) == runs
+
+
 def test_the_other_address_is_found(core: c.CDLL) -> None:
     assert running(core, address=0x29).view().valid
 

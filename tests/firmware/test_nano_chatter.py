@@ -24,6 +24,9 @@ INT0 = 1
 """Register that masks the interrupts of the rings, and vector of the first of them."""
 NO_WATCHDOG = ("src/main.cpp", "watchdog_start(settings.safety_out != 0,",
                "watchdog_start(false,")
+NO_CATCH_UP = ("src/board/clock.h",
+               "(soonest > ticks ? soonest : ticks)",
+               "(soonest > ticks ? ticks : ticks)")
 NO_BUDGET = ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]        \\n\\t"',
              '"nop                          \\n\\t"')
 
@@ -98,6 +101,42 @@ def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[i
     assert abs(after_["enc_count"] - before["enc_count"] - rig.nano.edges(0) + edges[0]) <= 1
     assert abs(after_["enc2_count"] - before["enc2_count"] - rig.nano.edges(1) + edges[1]) <= 1
     assert not after_["flags"] & FLAG["ENC_REJECT"]
+
+
+def slots_in_a_burst(rig: Rig, lead_us: int) -> list[int]:
+    """Times of the slots in a burst of edges that begins before the last phase of one of them."""
+    # A STATE arrives 1.135 ms after its latch.
+    latch = [t for t, name, _ in rig.frames if name == "STATE"][-1] - 1.135e-3
+    deadline = latch + 0.0096
+    while deadline - lead_us * 1e-6 < rig.now + 1e-3:
+        deadline += 0.01
+    rig.run(deadline - lead_us * 1e-6 - rig.now)
+    begin = rig.now
+    rig.nano.set_chatter(0, 300e3)
+    rig.run(0.6e-3)
+    rig.nano.set_chatter(0, 0)
+    rig.beat(0.1, MODE_ARMED)
+    return [state["t_ck"] for state in rig.states(begin - 0.03)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lead_us", [100, 70, 50, 30, 0])
+def test_a_burst_at_the_end_of_a_slot_delays_no_slot(nano: Make, lead_us: int) -> None:
+    rig = live(nano(eeprom=eeprom_image(safety_out=ENABLE, ring_b=1)))
+    times = slots_in_a_burst(rig, lead_us)
+    assert max(b - a for a, b in itertools.pairwise(times)) < 23_000
+    grid = [(t - times[-1]) / 20_000 for t in times[-6:]]
+    assert all(abs(one - round(one)) < 0.01 for one in grid), "and the slots keep their times"
+
+
+@pytest.mark.long
+def test_a_match_that_has_passed_comes_with_the_next_turn_of_the_timer(nano: Make, elf: Path,
+                                                                       tmp_path: Path) -> None:
+    """The control: 33 ms later."""
+    rig = live(nano(image=build_patched(tmp_path, NO_CATCH_UP),
+                    eeprom=eeprom_image(safety_out=ENABLE, ring_b=1)))
+    times = slots_in_a_burst(rig, 50)
+    assert max(b - a for a, b in itertools.pairwise(times)) > 60_000
 
 
 @pytest.mark.slow_except("0")

@@ -19,6 +19,7 @@ constexpr uint16_t kToDeadline = 12200;  // 6.1 ms
 constexpr uint16_t kToSlot = 800;        // 0.4 ms
 static_assert(kToImu + kToDeadline + kToSlot == kTicksPerSlot,
               "the phases fill the slot, so the period has no drift");
+uint16_t slot_at;  // nominal begin of the slot
 
 }  // namespace
 
@@ -26,7 +27,8 @@ void clock_start() {
   TCCR1A = 0;           // normal mode, pins free
   TCCR1B = _BV(CS11);   // 16 MHz / 8
   TCNT1 = 0;
-  OCR1B = kTicksPerMs;  // first slot after 1 ms
+  slot_at = kTicksPerMs;  // first slot after 1 ms
+  OCR1B = kTicksPerMs;
   TIFR1 = _BV(TOV1) | _BV(OCF1A) | _BV(OCF1B) | _BV(ICF1);
   TIMSK1 = _BV(TOIE1) | _BV(OCIE1B);
 }
@@ -80,7 +82,9 @@ static inline bool begin_phase() {
       next_phase = Phase::kDeadline;
       break;
     case Phase::kDeadline:
-      OCR1B = static_cast<uint16_t>(OCR1B + kToSlot);
+      // Edges may hold up an interrupt for longer than this phase lasts.
+      OCR1B = match_after(slot_at, kTicksPerSlot);
+      slot_at = static_cast<uint16_t>(slot_at + kTicksPerSlot);
       next_phase = Phase::kSlot;
       break;
   }

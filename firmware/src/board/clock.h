@@ -30,6 +30,17 @@ Tick now();
 // TCNT1's high half is shared.
 inline uint16_t now_low() { return TCNT1; }
 
+// Time of a match `ticks` after `from`, or some ticks from now if that has
+// passed: edges may hold up a timer interrupt for a millisecond, and a match
+// that is missed comes with the next turn of the timer, 33 ms later. With
+// interrupts off only.
+inline uint16_t match_after(uint16_t from, uint16_t ticks) {
+  constexpr uint8_t kMargin = 16;  // 8 us: as long as it takes to set it
+  uint16_t const now = now_low();
+  uint16_t const soonest = static_cast<uint16_t>(now - from + kMargin);
+  return static_cast<uint16_t>(from + (soonest > ticks ? soonest : ticks));
+}
+
 // now() for callers that have interrupts off.
 Tick now_locked();
 

@@ -103,7 +103,7 @@ inline void enable_retry() {
 }
 
 inline void wait(uint16_t ticks, Step next) {
-  OCR1A = static_cast<uint16_t>(OCR1A + ticks);
+  OCR1A = match_after(OCR1A, ticks);
   step = next;
 }
 

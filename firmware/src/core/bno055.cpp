@@ -174,7 +174,9 @@ void Bno055::begin_read(Job job, uint8_t reg, uint8_t* to,
 }
 
 Tick Bno055::leg_limit() const {
-  return job_ == Job::kLook ? kLookLimit : kLegLimit;
+  return job_ == Job::kLook     ? kLookLimit
+         : job_ == Job::kScript ? kScriptLegLimit
+                                : kLegLimit;
 }
 
 void Bno055::begin_write(Job job, uint8_t reg, uint8_t size) {

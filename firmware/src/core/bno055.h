@@ -53,9 +53,12 @@ struct ImuCounters {  // since boot, they wrap
 
 class Bno055 {
  public:
-  // Deadline of a leg. The longest, 22 offsets at 180 us of stretching per
-  // byte and 400 kHz, takes 25 x (22.5 + 180) us = 5.1 ms.
+  // Deadline of a leg of samples.
   static constexpr Tick kLegLimit = ticks_of_ms(6);
+  // Deadline of a leg of a script, while there are no samples. The longest,
+  // 22 offsets at 180 us of stretching per byte, takes 25 x (22.5 + 180) us =
+  // 5.1 ms at 400 kHz, and 25 x (90 + 180) us = 6.8 ms at 100 kHz.
+  static constexpr Tick kScriptLegLimit = ticks_of_ms(8);
   // A look is over before the read of its slot, which begins 3 ms later: it
   // takes half as long as a read, none is made of a part whose reads take
   // more than 5 ms, and one that hangs is ended.

@@ -29,6 +29,8 @@ constexpr uint8_t kUnits = 0x02;
 constexpr uint8_t kModeConfig = 0x00;
 // Gyro and accelerometer fused: no magnetometer next to a motor.
 constexpr uint8_t kModeImuPlus = 0x08;
+// Bits 7 to 4 are reserved: a part may read them as it likes.
+constexpr uint8_t kModeMask = 0x0F;
 constexpr uint8_t kTriggerReset = 0x20;
 constexpr uint8_t kSystemError = 1;
 

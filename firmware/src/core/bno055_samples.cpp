@@ -150,7 +150,7 @@ void Bno055::take_status() {
     default:
       // A brown-out has put the part back into CONFIG: it is fresh from a
       // reset, so the set-up alone brings it back.
-      if (leg_[0] != kModeImuPlus) {
+      if ((leg_[0] & kModeMask) != kModeImuPlus) {
         ++counters_.reinit;
         enter(ImuState::kSetup);
         run_script();

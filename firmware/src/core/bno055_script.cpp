@@ -97,7 +97,8 @@ bool Bno055::check_step() {
   ScriptStep const step = step_of(state_, script_at_);
   switch (step.op) {
     case Op::kExpect:
-      return leg_[0] == step.value;
+      return (leg_[0] & (step.reg == kOprMode ? kModeMask : 0xFF)) ==
+             step.value;
     case Op::kCompare:
       return memcmp(leg_, offsets_->data(), kOffsetsSize) == 0;
     case Op::kReadOffsets:
