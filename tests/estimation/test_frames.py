@@ -144,3 +144,14 @@ def test_gyro_scale_divides_the_reading():
 def test_flag_names():
     assert flag_names(0b1000_0000_0000_0001) == {"IMU_VALID", "MOCK"}
     assert flag_names(0) == frozenset()
+
+
+def test_a_restart_is_found_by_its_edges_where_the_clock_has_passed_its_old_time():
+    """A computer that was stopped for 12 s, in which the board restarted and ran for 9 s."""
+    reader = FrameReader()
+    reader.read(state(t=5 * 2_000_000, count=2421), 5.0)
+    sample = reader.read(state(t=9 * 2_000_000, count=12, edge=8 * 2_000_000), 17.0)
+    assert sample.restarted
+    assert sample.ticks == 2421
+    sample = reader.read(state(t=9 * 2_000_000 + 20_000, count=13), 17.01)
+    assert (sample.restarted, sample.ticks) == (False, 2422)

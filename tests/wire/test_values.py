@@ -103,6 +103,13 @@ def test_the_limits_themselves_pass():
     assert not gates.passes(state(40_000, 11 + 12))
 
 
+def test_a_noisy_sensor_is_no_reason_to_refuse_the_frame():
+    """With a glitch rule of 0 the firmware counts up to 255 edges in each of three phases."""
+    gates = Gates()
+    assert all(gates.passes(state(20_000 * k, 765 * k)) for k in range(50))
+    assert not gates.passes(state(20_000 * 50, 765 * 50 + 100)), "more than it can count"
+
+
 def test_gates_follow_a_restart_after_one_frame():
     gates = Gates()
     verdicts = [gates.passes(state(t, c)) for t, c in

@@ -138,7 +138,7 @@ class FrameReader:
         """
         (t_raw, count, edge_raw, dt_raw, count_b, edge_b_raw, ax, ay, az, gx, gy, gz,
          age_raw, calib, flags, beat) = values
-        restarted = self._advance(t_raw, t_arrival)
+        restarted = self._advance(t_raw, t_arrival, count)
         self._count_edges(t_raw, count, edge_raw, count_b, edge_b_raw, restarted)
         t_dev = self._device_ck / TICKS_PER_SECOND
         if age_raw == NO_AGE:
@@ -161,12 +161,16 @@ class FrameReader:
             flags, inf if beat == NO_BEAT else beat * 1e-3, restarted,
             low if self.has_gyro_look else 0)
 
-    def _advance(self, t_raw: int, t_arrival: float) -> bool:
-        """Unwrap the device clock; return whether it restarted."""
+    def _advance(self, t_raw: int, t_arrival: float, count: int) -> bool:
+        """Unwrap the device clock; return whether it restarted.
+
+        After a long silence the clock may have passed its old time; the edges have not.
+        """
         first = self._t_raw < 0
         delta = (t_raw - self._t_raw) % WRAP
         elapsed = t_arrival - self._t_arrival
-        jumped = delta >= HALF_WRAP or delta / TICKS_PER_SECOND > elapsed + RESTART_SLACK
+        jumped = (delta >= HALF_WRAP or delta / TICKS_PER_SECOND > elapsed + RESTART_SLACK
+                  or (count - self._count_raw) % WRAP >= HALF_WRAP)
         restarted = not first and (self._restart_pending or jumped)
         self._device_ck = t_raw if first or restarted else self._device_ck + delta
         self._t_raw = t_raw

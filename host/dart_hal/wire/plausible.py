@@ -14,8 +14,9 @@ from dart_hal.wire.messages import BY_NAME, STATE, TICKS_PER_SECOND
 # [rad/s] The BNO055 ends at 2000 deg/s = 34.9 rad/s.
 MAX_GYRO = 35.0
 
-# [1/s] The firmware's glitch rule refuses edges closer than 100 us.
-MAX_EDGE_RATE = 10_000.0
+# [1/s] The firmware counts at most 255 edges in each of the three phases of 10 ms. A glitch rule of
+# less than its default admits the noise of a sensor, which the estimate of the speed detects.
+MAX_EDGE_RATE = 76_500.0
 
 # [ticks] Longest step of device time between two frames of one run.
 MAX_SILENCE = 60 * TICKS_PER_SECOND
