@@ -82,9 +82,9 @@ def clumsy(reader: BlockReader, block: bytes, end: int, frames: list[WireFrame])
         _LEFT[reader] = 2
 
 
-def unaware(reader: FrameReader, t_raw: int, t_arrival: float) -> bool:
+def unaware(reader: FrameReader, t_raw: int, t_arrival: float, count: int) -> bool:
     """The device clock goes on with any reading."""
-    _ADVANCE(reader, t_raw, t_arrival)
+    _ADVANCE(reader, t_raw, t_arrival, count)
     return False
 
 
