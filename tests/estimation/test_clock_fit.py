@@ -97,7 +97,7 @@ def test_hull_lies_under_every_pair_and_is_convex(points):
 
 
 @pytest.mark.parametrize("gap", [19.0, 21.0, 300.0])
-def test_a_silence_longer_than_the_window_starts_the_fit_anew(gap):
+def test_a_silence_longer_than_the_window_restarts_the_fit(gap):
     """A suspended computer, Ctrl-Z: the board runs on, and all stored pairs are too old."""
     clock = ClockFit()
     for k in range(3000):

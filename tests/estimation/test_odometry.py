@@ -287,7 +287,7 @@ def test_yaw_over_a_gap_of_frames_is_as_uncertain_as_what_was_not_measured(gap, 
     assert math.sqrt(step.yaw_variance) == pytest.approx(added, abs=1e-3)
 
 
-def test_a_car_that_is_turned_by_hand_turns_and_its_place_becomes_unsure():
+def test_a_car_that_is_turned_by_hand_turns_and_its_place_becomes_uncertain():
     odometry = Odometry(gyro_bias_std=0.001)
     drive(odometry, 0.0, 0.0, 1.0)
     assert odometry.pose.cov[0, 0] == 0.0

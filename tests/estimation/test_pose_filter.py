@@ -295,7 +295,7 @@ def test_ahead_is_where_the_car_will_be_if_it_goes_on():
     assert ahead.cov[0, 0] > state.cov[0, 0]
 
 
-def test_the_yaw_rate_is_as_unsure_as_the_gyro_is_late():
+def test_the_yaw_rate_is_as_uncertain_as_the_gyro_is_late():
     def rate_std(yaw_acceleration):
         pose_filter = PoseFilter(gyro_bias_std=1e-4)
         for _ in range(10):

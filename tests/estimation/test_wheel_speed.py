@@ -256,7 +256,7 @@ def test_a_driven_wheel_that_shows_no_edge_yet_may_turn():
     stds = []
     for k in range(100):
         _, std = estimator.update(0, -1.0, 0.0, 0.01 * k, hint=int(k >= 50))
-        stds.append(estimator.add_unseen_motion(std, None))
+        stds.append(estimator.add_undetected_motion(std, None))
     assert stds[49] < 0.003, "no throttle: at rest"
     assert max(stds) == pytest.approx(math.sqrt(2.0 * 5.0 * gap / 3.0), rel=0.4)
     assert stds[-1] < 0.01, "a throttle in its dead band: no edge for half a second"
@@ -267,8 +267,8 @@ def test_braking_moves_the_speed_away_from_the_middle_of_its_pair():
     for k in range(1, 30):
         speed, std = estimator.update(5 * k, 0.01 * k, 0.002, 0.01 * k, hint=1)
     assert speed == pytest.approx(1.03, abs=0.01)
-    assert estimator.add_unseen_motion(std, -1.0) == std
-    assert estimator.add_unseen_motion(std, -6.0) > 2.0 * std
+    assert estimator.add_undetected_motion(std, -1.0) == std
+    assert estimator.add_undetected_motion(std, -6.0) > 2.0 * std
 
 
 def test_a_wheel_that_was_slow_against_the_command_may_turn_the_other_way():
@@ -281,6 +281,6 @@ def test_a_wheel_that_was_slow_against_the_command_may_turn_the_other_way():
             count += edges
             found, std = estimator.update(count, t, 0.01 / edges, t, hint=-1 if speed < 1.0 else 1)
         estimator.correct_direction(1)
-        unseen = estimator.add_unseen_motion(std, None)
+        wide = estimator.add_undetected_motion(std, None)
         assert estimator.may_have_reversed == (speed < 0.3)
-        assert unseen == (max(std, abs(found)) if speed < 0.3 else std)
+        assert wide == (max(std, abs(found)) if speed < 0.3 else std)

@@ -180,7 +180,7 @@ class Telemetry:
         external = (self.room.update(t, pose, motion, acc[0] if acc else None)
                     if self.room is not None else None)
         return State(
-            t, seq, speed, combine_std(self.speed.add_unseen_motion(speed_std, acc and acc[0]),
+            t, seq, speed, combine_std(self.speed.add_undetected_motion(speed_std, acc and acc[0]),
                                        self.encoder.std),
             None if gyro_z is None else gyro_z - odometry.bias.value,
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,

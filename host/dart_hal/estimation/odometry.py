@@ -53,21 +53,21 @@ HAND_RADIUS = 0.2
 # rad/s2, one sigma: yaw acceleration of a car that steers in.
 YAW_ACCELERATION_STD = 15.0
 # s between two frames with a sample of the gyro beyond which some are missing.
-MAX_SAMPLE_GAP = 2.5 * PERIOD
+MAX_GYRO_FRAME_GAP = 2.5 * PERIOD
 
 
-def gap_turn_variance(gap: float, before: float, after: float) -> float:
+def gap_turn_variance(gap: float, first_rate: float, last_rate: float) -> float:
     """Return the variance [rad2] of a turn over a gap [s] between two frames with a gyro sample.
 
     The trapezoid of the samples [rad/s] is wrong by what the yaw rate did between them: by half the
     gap squared times the yaw acceleration where the gap is short, by the error of a turn rate that
     is not measured where it is long.
     """
-    if gap <= MAX_SAMPLE_GAP:
+    if gap <= MAX_GYRO_FRAME_GAP:
         return 0.0
     missing = gap - PERIOD
-    unmeasured = NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(before + after) / 2.0 + abs(
-        after - before)
+    unmeasured = NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(first_rate + last_rate) / 2.0 + abs(
+        last_rate - first_rate)
     return min(0.25 * YAW_ACCELERATION_STD * missing**2, unmeasured * missing)**2
 
 

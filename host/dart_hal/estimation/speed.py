@@ -149,7 +149,7 @@ class WheelSpeed:
         limit = MAX_COASTING_REVERSAL_SPEED if confirmed else MAX_DRIVEN_REVERSAL_SPEED
         return self.ambiguous and self.speed != 0.0 and self._slowest_speed < limit
 
-    def add_unseen_motion(self, std: float, accel: float | None) -> float:
+    def add_undetected_motion(self, std: float, accel: float | None) -> float:
         """Return a standard deviation of ``update`` [m/s] with what the edges cannot show yet.
 
         1. The acceleration, accel [m/s2] (None: not measured), acts since the middle of the pair.

@@ -87,7 +87,7 @@ def test_a_fit_of_many_parameters_counts_them():
 
 
 @pytest.mark.parametrize("noise", [1.0, 5.0])
-def test_a_robust_fit_is_as_unsure_as_its_noise_is_larger_than_its_scale(noise):
+def test_a_robust_fit_is_as_uncertain_as_its_noise_is_larger_than_its_scale(noise):
     """With the weights of the least squares in place of the second derivative: 1.8 for noise 5."""
     rng = np.random.default_rng(0)
     x = rng.normal(size=600)
