@@ -70,7 +70,7 @@ PICKS = (
     Pick("a hang in reverse does not disarm", "chain", ACT + "chain.py",
          "if expired.throttle != 0.0:", "if expired.throttle > 0.0:"),
     Pick("a setpoint that is no number leaves the old command", "engine", CAR_PACKAGE + "car.py",
-         "                engine.driver.actuator.refuse()\n", ""),
+         "                engine.driver.refuse_command(engine.now)\n", ""),
     Pick("a cut-off that nothing shows passes", "facts", CAR_PACKAGE + "cutoff_test.py",
          '"passed" if came else "unwired"', '"passed"'),
     Pick("neutral counts while /OE is off", "facts", CAR_PACKAGE + "facts.py",

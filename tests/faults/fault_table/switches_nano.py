@@ -20,7 +20,8 @@ firmware("imu_zeros", "a sample of zeros is no sample",
          ("src/core/bno055_samples.cpp", "bool const zeros = all_zero(leg_, 12);",
           "bool const zeros = all_zero(leg_, 12) && false;"))
 firmware("imu_mode", "the mode of the BNO055 is polled",
-         ("src/core/bno055_samples.cpp", "if (leg_[0] != kModeImuPlus) {", "if (false) {"))
+         ("src/core/bno055_samples.cpp", "if ((leg_[0] & kModeMask) != kModeImuPlus) {",
+          "if (false) {"))
 firmware("imu_fail", "a read that fails is no sample",
          ("src/core/bno055.cpp", "  count_error(kind);\n  valid_ = false;\n",
           "  count_error(kind);\n"))
