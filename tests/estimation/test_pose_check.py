@@ -48,6 +48,22 @@ EXPECTED = {"mm": ("mm", "units=mm"), "cm": ("cm", "units=cm"), "deg": ("degrees
             "another": ("another body", "body=NAME")}
 
 
+def add_jumps(d: PoseComparison) -> PoseComparison:
+    """3 % of the poses are up to 2 m and 2 rad elsewhere."""
+    rng = np.random.default_rng(5)
+    jumps = rng.uniform(-2.0, 2.0, d.external.shape) * (rng.random(len(d.t)) < 0.03)[:, None]
+    return PoseComparison(d.t, d.car, d.external + jumps)
+
+
+@pytest.mark.parametrize("weave", [False, True])
+def test_single_poses_that_jump_are_no_wrong_convention(weave):
+    for seed in range(10):
+        assert find_fault(add_jumps(drive(seed, weave))) is None
+        wrong = find_fault(add_jumps(change_poses(drive(seed, weave), "left")))
+        assert wrong is not None
+        assert wrong.option == "hand=left"
+
+
 @pytest.mark.parametrize("weave", [False, True])
 @pytest.mark.parametrize("how", EXPECTED)
 def test_each_wrong_convention_is_named(how, weave):

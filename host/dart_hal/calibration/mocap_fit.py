@@ -135,8 +135,8 @@ def fit_marker(track: MarkerTrack) -> Marker:
                 "the poses do not fit the motion of the car",
                 found=f"{1e3 * rms:.0f} mm rms, {name} {fit.x[MARKER_KEYS.index(name)]:+.3f}",
                 expected=f"at most {1e3 * MAX_MARKER_RMS:.0f} mm rms",
-                likely="another body, a frame that is not right-handed with z up, other units, or "
-                       "a clock of the source that jumps",
+                likely="poses that jump (more than 2 % of them), another body, a frame that is not "
+                       "right-handed with z up, other units, or a clock of the source that jumps",
                 remedy="options of the source's URL: units, angle, hand, turn, body")
     n = len(problem.index)
     groups = np.concatenate([np.tile(problem.index, 3), n + np.arange(MARKER_PRIORS)])

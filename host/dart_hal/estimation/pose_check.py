@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import FloatArray
+from dart_hal.core.types import BoolArray, FloatArray
 
 # s over which motions are compared: noise of 1 mm and 2 mrad is small against 0.1 m and 0.2 rad.
 COMPARISON_STEP = 0.2
@@ -32,6 +32,8 @@ ANGLE_TOLERANCE = 0.3
 MIN_DIRECTION_LENGTH = 0.8
 # rad between both: a slipping car moves up to 10 degrees off its nose.
 MAX_NOSE_ANGLE = math.radians(20.0)
+# Deviations from the usual ratio, in medians of all, beyond which a pose has jumped.
+MAX_JUMP_RATIO = 10.0
 # Small over large spread of the places below which a driven circle is seen from its side.
 MAX_FLATNESS = 0.03
 
@@ -73,12 +75,26 @@ def find_fault(drive: PoseComparison) -> PoseFault | None:
     if distance.sum() < MIN_DISTANCE or np.abs(car[:, 2]).sum() < MIN_TURN:
         raise ValueError(f"{distance.sum():.1f} m and {np.abs(car[:, 2]).sum():.1f} rad are "
                          "too little")
+    usual = _is_usual(np.hypot(external[:, 0], external[:, 1]), distance) & _is_usual(
+        external[:, 2], car[:, 2])
+    car, external, distance = car[usual], external[usual], distance[usual]
     scale = float(np.hypot(external[:, 0], external[:, 1]).sum() / distance.sum())
     turn = float(external[:, 2] @ car[:, 2] / (car[:, 2] @ car[:, 2]))
     turns = np.ptp(external[:, 2]) > 0.0
     correlation = float(np.corrcoef(external[:, 2], car[:, 2])[0, 1]) if turns else 0.0
     return (_check_length(scale) or _check_turn(drive, turn, correlation)
             or _check_direction(external, distance))
+
+
+def _is_usual(external: FloatArray, car: FloatArray) -> BoolArray:
+    """Return whether each motion (k,) of the source is in the usual ratio to that of the car.
+
+    Single poses that jump are no convention: the fit after this check is robust against them.
+    """
+    moved = np.abs(car) > 0.5 * np.median(np.abs(car))
+    ratio = float(np.median(external[moved] / car[moved]))
+    deviation = np.abs(external - ratio * car)
+    return np.asarray(deviation <= MAX_JUMP_RATIO * np.median(deviation) + 1e-9)
 
 
 def _check_length(scale: float) -> PoseFault | None:
