@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan, inf, nan, pi
+from math import cos, inf, nan, pi, sin
 
 import numpy as np
 import pytest
 
 from dart_hal.car import Car, obstacle_guard
-from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, arc_coordinates, distance_to_front
+from dart_hal.car.obstacle_guard import MAX_SCAN_AGE, distance_to_contact, distance_to_front
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Scan
 from dart_hal.devices.links.base import open_backend
@@ -206,19 +206,51 @@ def test_a_car_without_a_lidar_is_refused():
         Car.open("sim://?nano=mock", guard_distance=0.3)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_points_of_a_bend_are_on_its_arc(sign):
-    radius = 1.5
-    angle = np.array([0.2, 0.8, pi / 2])
-    points = np.column_stack((radius * np.sin(angle), sign * radius * (1.0 - np.cos(angle))))
-    along, across = arc_coordinates(points, sign / radius)
-    assert along == pytest.approx(radius * angle)
-    assert across == pytest.approx(0.0, abs=1e-9)
-    # A point to the left of the arc has a positive offset on either side.
-    beside = points + np.column_stack((-np.sin(sign * angle), np.cos(angle))) * 0.1
-    assert arc_coordinates(beside, sign / radius)[1] == pytest.approx(0.1)
+@pytest.mark.parametrize("curvature", [0.0, 0.7, -2.4])
+def test_the_distance_to_contact_is_that_of_a_front_that_moves_along_the_arc(curvature):
+    """Points of all places before the car, against the front moved in steps of 2 mm."""
+    front, half = 0.24, 0.1
+    rng = np.random.default_rng(3)
+    points = np.column_stack((rng.uniform(front + 0.005, 0.9, 300), rng.uniform(-0.7, 0.7, 300)))
+    found = distance_to_contact(points, curvature, front, half)
+    true = np.full(len(points), inf)
+    for way in np.arange(0.0, 0.7, 0.002):
+        yaw = way * curvature
+        x = sin(yaw) / curvature if curvature else way
+        y = (1.0 - cos(yaw)) / curvature if curvature else 0.0
+        dx, dy = (points - (x, y)).T
+        ahead = cos(yaw) * dx + sin(yaw) * dy
+        inside = (ahead <= front) & (ahead > 0.0) & (
+            np.abs(cos(yaw) * dy - sin(yaw) * dx) < half)
+        true[inside & np.isinf(true)] = way
+    hit = np.isfinite(true)
+    assert hit.sum() > 30
+    assert np.all(found[hit] <= true[hit] + 0.003), "no point is seen too late"
+    assert np.all(found[hit] >= true[hit] - 0.005), "and none too early"
+    # Points that are grazed may be counted either way.
+    assert np.mean(found[~hit] < 0.5) < 0.01
 
 
-def test_a_straight_path_has_plain_coordinates():
-    along, across = arc_coordinates(np.array([[1.0, 0.2]]), atan(0.0))
-    assert (along[0], across[0]) == (1.0, 0.2)
+@pytest.mark.slow
+@pytest.mark.parametrize(("steering", "y"), [(-0.4, 0.08), (0.3, -0.08)])
+def test_a_post_before_the_outer_corner_keeps_the_car_at_rest(tmp_path, steering, y):
+    """It is at the side of the arc of the rear axle, and the front swings over it."""
+    size = 600
+    image = np.full((size, size), 254, np.uint8)
+    image[[0, 1, 2, -3, -2, -1]] = 0
+    image[:, [0, 1, 2, -3, -2, -1]] = 0
+    row = round((y - 0.02 + 3.0) / 0.01)
+    column = round((0.2375 + 0.03 + 3.0) / 0.01)
+    image[row:row + 4, column:column + 4] = 0
+    (tmp_path / "post.pgm").write_bytes(b"P5 600 600 255\n" + image[::-1].tobytes())
+    (tmp_path / "post.yaml").write_text(
+        "image: post.pgm\nresolution: 0.01\norigin: [-3.0, -3.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    url = f"sim://?nano=mock&seed=0&lidar=x4&map={tmp_path / 'post.yaml'}&at=0,0,0"
+    with Car.open(url, guard_distance=0.4) as car:
+        car.arm(waive=("CALIBRATION_MISSING",))
+        begin = car.now
+        for state in car.states(duration=3.0):
+            car.drive(steering=steering, throttle=0.25 if state.t > begin + 0.6 else 0.0)
+            assert state.applied.throttle == 0.0
+

@@ -11,14 +11,18 @@ import pytest
 
 from dart_hal.control.crossing import layouts, order
 from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait
+from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layout import CrossingLayout
 from dart_hal.control.crossing.message import MessageFault, decode, encode
 from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict, Precedence
 from dart_hal.control.crossing.speed import safe_speed, sendable_throttle, stopping_distance
 from dart_hal.core.errors import UsageError
+from dart_hal.core.types import START_FRAME, Pose, Tracking
+from dart_hal.vehicle.sets import UPSTREAM_2024
 from studies.control import crossing_light as light
 from studies.control.crossing_figures import campaign
 from studies.control.crossing_light import Faults, Network, Start
+from studies.control.light_follow import motion_at, plant_by
 
 LEAST = 0.35
 
@@ -393,3 +397,40 @@ def test_a_message_survives_its_bytes():
     assert decode(encode(message, 7), 7) == message
     with pytest.raises(UsageError, match="too many cars"):
         encode(message._replace(grants=(0,) * 17), 7)
+
+
+@pytest.mark.parametrize("late", [0.0, 2.0])
+def test_a_car_without_a_pose_is_silent_and_at_no_place_of_the_crossing(late):
+    """Dead reckoning begins at the origin, which is the middle of each layout."""
+    where = layout()
+    cars = [Crosser(Coordinator(where, ("A", "B"), name, where.routes[k].name, 0.3, 11 + k),
+                    plant_by(UPSTREAM_2024)) for k, name in enumerate(("A", "B"))]
+    spots = [car.path.interpolate(0.3) for car in cars]
+    sent = [0, 0]
+    for step in range(100):
+        t = 0.03 * step
+        for k, car in enumerate(cars):
+            pose = Pose(spots[k].x, spots[k].y, spots[k].heading)
+            motion = motion_at(t, pose, 0.0, 0.0)
+            if k == 0 and t < late:
+                motion = motion_at(t, Pose(), 0.0, 0.0, Tracking.DEAD_RECKONING, START_FRAME)
+            command = car.answer(motion, [])
+            sent[k] += bool(command.message)
+            if k == 0 and t < late:
+                assert command == (0.0, 0.0, b"")
+    assert cars[0].coordinator.car.s_minus < 1.0
+    assert sent[0] >= 5
+    assert sent[1] > sent[0] or not late
+
+
+def test_a_car_beside_its_route_stops_and_says_why():
+    where = layout()
+    car = Crosser(Coordinator(where, ("A", "B"), "A", where.routes[0].name, 0.3, 11),
+                  plant_by(UPSTREAM_2024))
+    spot = car.path.interpolate(0.3)
+    left = np.array((-np.sin(spot.heading), np.cos(spot.heading)))
+    for step, offset in enumerate((0.0, 0.1, 0.35)):
+        x, y = np.array((spot.x, spot.y)) + offset * left
+        command = car.answer(motion_at(0.02 * step, Pose(x, y, spot.heading), 0.3, 0.0), [])
+        assert ("from its route" in car.why) == (offset > 0.3)
+    assert command.speed == 0.0

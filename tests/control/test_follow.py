@@ -353,3 +353,32 @@ def test_an_unknown_tracker_is_refused():
     with pytest.raises(UsageError, match="no such tracker") as refused:
         Follower(LONG, PLANT, 1.0, tracker="foo")
     assert "lqr" in refused.value.expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("std", "ends"), [(0.15, False), (0.25, True)])
+def test_an_uncertain_position_ends_the_drive(std, ends):
+    """Two thirds of the lane of 0.3 m."""
+    def blur(now, follower, motion):
+        cov = motion.cov.copy()
+        cov[0, 0] = cov[1, 1] = std**2 if now > 1.5 else 1e-4
+        return replace(motion, cov=cov)
+
+    follower, _ = drive(LONG, each=blur)
+    assert follower.good is not ends
+    assert ("the position is uncertain" in follower.why) is ends
+
+
+@pytest.mark.parametrize(("cap", "commanded"), [(0.1, 0.0), (0.2, 0.2)])
+def test_a_cap_that_no_motor_can_hold_makes_the_car_wait(cap, commanded):
+    follower = Follower(LONG, PLANT, cap)
+    for k in range(50):
+        command = follower.answer(motion_at(0.01 * k, Pose(1.0, 0.0, 0.0), 0.0, 0.0))
+    assert command.speed == pytest.approx(commanded)
+
+
+def test_a_car_at_the_end_of_an_open_path_is_refused():
+    follower = Follower(LONG, PLANT)
+    with pytest.raises(UsageError, match="at the end of the path") as caught:
+        follower.answer(motion_at(0.0, Pose(8.9, 0.0, 0.0), 0.0, 0.0))
+    assert "--here" in caught.value.remedy

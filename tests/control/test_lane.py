@@ -121,7 +121,8 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
     assert model.mount == pytest.approx(mount, abs=0.005)
 
 
-@pytest.mark.parametrize(("offset", "ended"), [(0.1, ""), (0.5, "the car left the lane")])
+@pytest.mark.parametrize(("offset", "ended"), [(0.1, ""), (0.29, ""),
+                                               (0.31, "the car left the lane")])
 def test_outside_the_lane_a_drive_ends_and_is_no_success(offset, ended):
     middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.full(30, offset)))
     follower = LaneFollower(plant_by(UPSTREAM_2024), 1.0,
@@ -133,3 +134,17 @@ def test_outside_the_lane_a_drive_ends_and_is_no_success(offset, ended):
     assert follower.why.startswith(ended)
     assert bool(follower.why) == bool(ended)
     assert not follower.good
+
+
+@pytest.mark.parametrize(("cap", "commanded"), [(0.0, 0.0), (0.1, 0.0), (0.2, 0.2)])
+def test_a_cap_below_the_slowest_speed_makes_the_car_wait(cap, commanded):
+    """No motor turns so slowly: 0.2 m/s would exceed the limit."""
+    middle = np.column_stack((np.arange(0.0, 3.0, 0.1), np.zeros(30)))
+    follower = LaneFollower(plant_by(UPSTREAM_2024), cap,
+                            find_lane=lambda points, pose: LaneView(middle, 0.4, True, True))
+    scan = Scan(0.0, 0.0, 7.0, np.zeros(1), np.zeros(1), np.ones(1))
+    follower.answer(0.0, 0.0)
+    for k in range(1, 20):
+        command = follower.answer(0.1 * k, 0.0, [scan])
+    assert command.speed == pytest.approx(commanded)
+    assert not follower.why

@@ -13,7 +13,10 @@ from dart_hal.control.platoon.car import PlatoonCar
 from dart_hal.control.platoon.spacing import FRONT_LENGTH, REAR_LENGTH, gap_from_pose, measure_gap
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Pose
+from dart_hal.vehicle.sets import UPSTREAM_2024
 from studies.control import platoon_cars as cars
+from studies.control.light_follow import motion_at, plant_by
 from studies.control.platoon_cars import example, gaps, lateral
 from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
@@ -200,3 +203,39 @@ def test_on_the_track_between_its_boards():
     for n in range(5):
         assert np.abs(drive.of(n)[7][300:]).max() < 0.10
     assert np.array(truth.speed)[1500].min() > 0.8
+
+
+def drive_straight(path, seconds, y=0.0):
+    """A car without inertia on the x axis; returns it and its last command."""
+    car = PlatoonCar(path, plant_by(UPSTREAM_2024), drives=lambda t, speed: 1.0 - speed)
+    x = v = 0.0
+    for k in range(round(100 * seconds)):
+        command = car.answer(motion_at(0.01 * k, Pose(x, y(x) if callable(y) else y, 0.0), v, 0.0))
+        v = command.speed
+        x += 0.01 * v
+    return car, x, v
+
+
+def test_a_platoon_car_stops_at_the_end_of_its_path_and_outside_its_lane():
+    path = Path([(5.0, 0.0)], closed=False)
+    car, x, v = drive_straight(path, 12.0)
+    assert (v, car.why) == (0.0, "the path ends")
+    assert x == pytest.approx(4.9, abs=0.15)
+    long = Path([(30.0, 0.0)], closed=False)
+    car, _, v = drive_straight(long, 8.0, y=lambda x: 0.1 * max(x - 1.0, 0.0))
+    assert v == 0.0
+    assert "from the path" in car.why
+    car, _, v = drive_straight(long, 8.0)
+    assert v > 0.5, "control"
+    assert car.why == ""
+
+
+def test_a_pause_of_the_program_repeats_no_steps():
+    """Each step of the law integrates its full period."""
+    car = PlatoonCar(Path([(30.0, 0.0)], closed=False), plant_by(UPSTREAM_2024))
+    steps = []
+    choose = car._choose_acceleration
+    car._choose_acceleration = lambda t, *rest: (steps.append(t), choose(t, *rest))[1]
+    for t in (*np.arange(0.0, 1.0, 0.01), *np.arange(3.0, 4.0, 0.01)):
+        car.answer(motion_at(float(t), Pose(0.1 * t, 0.0, 0.0), 0.1, 0.0))
+    assert sum(t >= 3.0 for t in steps) == pytest.approx(20, abs=2)

@@ -127,3 +127,24 @@ def test_an_esc_that_braked_instead_is_rested_once_more():
     assert throttles[0] == -0.3
     assert 0.0 in throttles
     assert throttles[-1] == -0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", ["obstacle", "battery"])
+def test_the_car_does_not_leap_when_a_withheld_throttle_passes_again(held):
+    def fastest(hold):
+        with Car.open("sim://?nano=mock&seed=3") as car:
+            car.arm(waive=("CALIBRATION_MISSING",))
+            actuator = car._engine.driver.actuator
+            begin = car.now
+            throttles = []
+            for state in car.states(duration=5.0):
+                withheld = hold and state.t < begin + 3.0
+                if held == "obstacle":
+                    actuator.set_obstacle(withheld)
+                else:
+                    actuator.set_battery_cap(0.1 if withheld else None)
+                throttles.append(car.drive_speed(steering=0.0, speed=0.5).throttle)
+            return max(throttles)
+
+    assert fastest(True) < 1.3 * fastest(False), "2.2 times, with the integral of the pause"

@@ -140,10 +140,9 @@ class ObstacleGuard:
         An echo that was behind the front when it was measured is a part of the car, or at its side.
         One that the car has reached since has a distance below 0.
         """
-        along, across = arc_coordinates(points, curvature)
-        was_ahead = arc_coordinates(self._echoes[:, 1:], curvature)[0] > self._front
-        on_path = (np.abs(across) < self._half_width) & was_ahead
-        return float(np.min(along[on_path], initial=inf)) - self._front
+        was_ahead = self._echoes[:, 1] > self._front
+        free = distance_to_contact(points[was_ahead], curvature, self._front, self._half_width)
+        return float(np.min(free, initial=inf))
 
 
 def sees_ahead(scans: Sequence[Scan]) -> bool:
@@ -156,20 +155,30 @@ def sees_ahead(scans: Sequence[Scan]) -> bool:
     return bool(gaps.max() < MAX_BEAM_GAP)
 
 
-def arc_coordinates(points: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
-    """Return (distance along the arc, distance to its left) (n,) [m] of points (n, 2) [m].
+def distance_to_contact(points: FloatArray, curvature: float, front: float, half_width: float
+                        ) -> FloatArray:
+    """Return how far (n,) [m] the rear axle may go until the front reaches each point (n, 2) [m].
 
-    curvature [1/m]: of the path of the rear axle, left positive. NaN stays NaN.
+    inf beside the path. The front is at ``front`` [m], ``half_width`` [m] to each side.
+
+    In an arc of radius R a point at r from its centre, and at the angle phi ahead of the axle, is
+    at the front once r sin(angle) = front. The outer corner of the front is the furthest from the
+    centre, the inner side the nearest.
     """
     x, y = points.T
     if abs(curvature) < MIN_CURVATURE:
-        return x, y
+        return np.where(np.abs(y) < half_width, x - front, inf)
     # A bend to the right is mirrored. The centre of the arc is then at (0, radius).
-    side = 1.0 if curvature > 0.0 else -1.0
     radius = 1.0 / abs(curvature)
-    inward = side * y
-    return (radius * np.arctan2(x, radius - inward),
-            side * (radius - np.hypot(x, inward - radius)))
+    from_centre = radius - (y if curvature > 0.0 else -y)
+    r = np.maximum(np.hypot(x, from_centre), 1e-9)
+    inner = radius - half_width
+    outer = np.hypot(radius + half_width, front)
+    # Angle of a point at the front, or at the inner side if that comes to it later.
+    reached = np.minimum(np.arcsin(np.minimum(front / r, 1.0)),
+                         np.arccos(np.clip(inner / r, -1.0, 1.0)))
+    angle = np.arctan2(x, from_centre) - reached
+    return np.where((r > inner) & (r < outer), radius * angle, inf)
 
 
 def distance_to_front(geometry: Geometry) -> float:

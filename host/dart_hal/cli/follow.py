@@ -39,6 +39,7 @@ from dart_hal.control.ending import Phase
 from dart_hal.control.follow import DEFAULT_HALF_WIDTH, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
+from dart_hal.control.lap import CRAWL_SPEED
 from dart_hal.control.measured import throttle_calibration
 from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH, Disc
 from dart_hal.control.mpc.tracker import Contouring
@@ -69,7 +70,7 @@ MISSING_BY_STATUS = {
 @click.command("follow")
 @car_options
 @click.argument("path", metavar="PATH")
-@click.option("--speed", type=FiniteNumber(0.1, 10.0), default=None,
+@click.option("--speed", type=FiniteNumber(CRAWL_SPEED, 10.0), default=None,
               help="m/s; slower where tyres, steering or path require it; keys + and - change it")
 @click.option("--profile", is_flag=True, help="as fast as the model of the car allows at each "
                                               "point")

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from dart_hal.car import Car
+from dart_hal.car.obstacle_guard import half_width
 from dart_hal.cli.common.follow_picture import draw_lane
 from dart_hal.cli.common.options import (
     FiniteNumber,
@@ -31,6 +32,7 @@ from dart_hal.cli.common.summary import RunSummary
 from dart_hal.cli.follow import apply_keys, open_keys, summarise_offset
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
+from dart_hal.control.lap import CRAWL_SPEED
 from dart_hal.control.plant import plant_of
 from dart_hal.estimation.localisation.localiser import MIN_ROTATION_SENSE
 
@@ -39,7 +41,7 @@ COMMAND_SOURCE = "lane"
 
 @click.command("lane")
 @car_options
-@click.option("--speed", type=FiniteNumber(0.1, 10.0), default=1.0, show_default=True,
+@click.option("--speed", type=FiniteNumber(CRAWL_SPEED, 10.0), default=1.0, show_default=True,
               help="m/s; slower in tight bends and where little of the lane is visible; "
               "keys + and - change it")
 @click.option("--distance", type=FiniteNumber(min=0.1), default=None,
@@ -80,7 +82,8 @@ def make_follower(car: Car, speed: float, distance: float, duration: float) -> L
     show_notices(() if car.files.model else
                  ("the car has no model.toml: the steering and delay model of the paper is used",))
     max_speed = car.files.config.limits.max_speed
-    return LaneFollower(plant_of(car.files), min(speed, max_speed), distance, duration)
+    return LaneFollower(plant_of(car.files), min(speed, max_speed), distance, duration,
+                        half_width=half_width(car.files.config.geometry))
 
 
 def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],

@@ -28,6 +28,7 @@ from dart_hal.cli.lane import drive as drive_along
 from dart_hal.control.gamepad_map import open_gamepad
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.control.lane_follow import WallFollower
+from dart_hal.control.lap import CRAWL_SPEED
 from dart_hal.control.plant import plant_of
 from dart_hal.control.wall import Wall
 from dart_hal.core.errors import Disarmed, LinkLost, UsageError
@@ -45,7 +46,7 @@ from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
 @click.argument("out", metavar="OUT.yaml", type=OutputFile(".yaml", ".yml"))
 @click.option("--run", type=click.Path(path_type=Path, dir_okay=False), default=None,
               help="map this recording with scans; no car is driven")
-@click.option("--speed", type=FiniteNumber(0.1, 3.0), default=None,
+@click.option("--speed", type=FiniteNumber(CRAWL_SPEED, 3.0), default=None,
               help="drive along the walls automatically, m/s; keys + and - change it, q ends")
 @click.option("--keyboard", is_flag=True, help="drive with the arrow keys or WASD of this terminal")
 @click.option("--gamepad", is_flag=True, help="drive with the gamepad; hold the right bumper")

@@ -42,6 +42,9 @@ MAX_JOIN_DISTANCE = 6.0
 # A car is in the lane once its offset, now and after it has turned along the path, is below this
 # share of the lane. The rest is for the errors of tracker and model.
 SHARE_OF_LANE = 0.7
+# The car stops if the standard error of its position is a larger share of the lane: 1 in 7 is then
+# outside of it.
+MAX_STD_SHARE = 2.0 / 3.0
 # Speed limit of a car without [limits] max_speed [m/s].
 DEFAULT_MAX_SPEED = 5.0
 
@@ -133,7 +136,7 @@ class Follower(Ending):
         self.ramp = SpeedRamp() if self.rules.careful else None
         self._t0: float | None = None
         self._has_moved = False
-        self._located_t = self._lap_t = self._join_distance = 0.0
+        self._located_t = self._certain_t = self._lap_t = self._join_distance = 0.0
 
     def answer(self, motion: MotionEstimate) -> DriveCommand:
         """Return the command at ``motion.t``.
@@ -142,7 +145,7 @@ class Follower(Ending):
         """
         t = motion.t
         if self._t0 is None:
-            self._t0 = self._located_t = t
+            self._t0 = self._located_t = self._certain_t = t
         if self.phase is Phase.WAITING:
             if not self._is_located(motion):
                 if t - self._t0 > MAX_START_WAIT:
@@ -205,6 +208,14 @@ class Follower(Ending):
             self.tracker = self._make(self.path, self.plant)
         self.begun_at = find_start(self.path, pose)
         self._check_turn(pose)
+        wheelbase = self.plant.vehicle.body.wheelbase
+        rest = self.path.length - self.begun_at
+        if not self.path.closed and rest < wheelbase:
+            raise UsageError(
+                "the car is at the end of the path", found=f"{rest:.2f} m are left",
+                expected=f"more than its wheelbase of {wheelbase:.3f} m",
+                remedy="move the car to the start of the path, or start the path at the car with "
+                       "--here")
         self.tracker.pace = self._pace_at
         self.tracker.clock = self.clock
         self.tracker.begin(self.begun_at)
@@ -225,8 +236,14 @@ class Follower(Ending):
             self.driven.start_figures()
         if self.phase is Phase.STOPPING:
             return
+        if self.rules.odometry or self._position_std(motion) < MAX_STD_SHARE * rules.lane:
+            self._certain_t = t
         if t - self._located_t > (MAX_BRIDGED_GAP if self._can_bridge(motion) else MAX_POSE_GAP):
             self._end(f"the pose was lost: {motion.tracking} for {t - self._located_t:.1f} s")
+        elif self.phase is Phase.FOLLOWING and t - self._certain_t > MAX_POSE_GAP:
+            self._end(f"the position is uncertain: a standard error of "
+                      f"{self._position_std(motion):.2f} m in a lane of {rules.lane:g} m to each "
+                      "side")
         elif self.phase is Phase.FOLLOWING and offset > rules.lane:
             self._end(f"the car left the lane: {offset:.2f} m off the path at "
                       f"{self.tracker.s % self.path.length:.2f} m")
@@ -237,7 +254,7 @@ class Follower(Ending):
         elif self.tracker.why:
             self._end(self.tracker.why)
         elif self._stuck_detector.is_stuck(
-            t, motion.speed if min(self.cap, self.free) > 0.0 else inf
+            t, motion.speed if min(self.cap, self.free) >= CRAWL_SPEED else inf
         ):
             self._end(f"an obstacle has been before the car for {STUCK_TIME:g} s"
                       if self.obstructed else
@@ -250,9 +267,13 @@ class Follower(Ending):
             self._end("the path is driven", good=True)
 
     def _can_bridge(self, motion: MotionEstimate) -> bool:
-        variance = max(float(motion.cov[0, 0]), float(motion.cov[1, 1]))
         return (motion.tracking is Tracking.DEAD_RECKONING and self.silent()
-                and 3.0 * sqrt(variance) < self.rules.lane)
+                and 3.0 * self._position_std(motion) < self.rules.lane)
+
+    @staticmethod
+    def _position_std(motion: MotionEstimate) -> float:
+        """Return the larger standard error of x and y [m]."""
+        return sqrt(max(float(motion.cov[0, 0]), float(motion.cov[1, 1])))
 
     def _turn_offset(self, pose: Pose, s: float, offset: float, delay_distance: float) -> float:
         """Return the offset [m] at which the car will be parallel to the path again.
@@ -312,7 +333,7 @@ class Follower(Ending):
         if self.phase is Phase.STOPPING:
             return self._stop_speed(motion)
         self._speed = min(self._pace_at(self.tracker.s), max(self.tracker.speed, CRAWL_SPEED))
-        if min(self.cap, self.free) <= 0.0:
+        if min(self.cap, self.free) < CRAWL_SPEED:  # no motor turns so slowly
             self._speed = 0.0
         if not self.path.closed:
             remaining = max(self.remaining, 0.0)

@@ -22,6 +22,7 @@ from dart_hal.control.follow import DriveCommand
 from dart_hal.control.lane import LaneView, find_lane
 from dart_hal.control.lane_model import LaneReckoning
 from dart_hal.control.lap import BEND_SPEED_SHARE, CRAWL_SPEED
+from dart_hal.control.mpc.obstacles import HALF_WIDTH
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
@@ -49,15 +50,18 @@ class LaneFollower(Ending):
 
     ``cap`` [m/s] may be set at any time; distance [m] and duration [s]: limits from the beginning
     on. ``path``: the lane ahead by the last scan, in the frame of ``model``; ``half`` [m]: its half
-    width; ``driven``: rows as those of ``Follower``, with x, y in that frame.
+    width; ``driven``: rows as those of ``Follower``, with x, y in that frame. half_width [m]: of
+    the car, which ends before it touches a board.
     """
 
     end_reason = "the lane ends"
     """Reason of the end if the lane is driven to its end."""
 
     def __init__(self, plant: Plant, cap: float, distance: float = inf,
-                 duration: float = inf, find_lane: LaneFinder = find_lane) -> None:
+                 duration: float = inf, find_lane: LaneFinder = find_lane,
+                 half_width: float = HALF_WIDTH) -> None:
         super().__init__()
+        self._half_width = half_width
         self.plant = plant
         self.cap = cap
         self.distance = distance
@@ -149,9 +153,11 @@ class LaneFollower(Ending):
             return
         if t - self._lane_t > MAX_POSE_GAP:
             self._end(f"{self._describe_fault()} for {t - self._lane_t:.1f} s")
-        elif 0.0 < self.half < abs(self.offset):
-            self._end(f"the car left the lane: {100.0 * abs(self.offset):.0f} cm from its middle")
-        elif self._stuck_detector.is_stuck(t, self.model.now.speed):
+        elif 0.0 < self.half < abs(self.offset) + self._half_width:
+            self._end(f"the car left the lane: {100.0 * abs(self.offset):.0f} cm from its middle, "
+                      f"in a lane {200.0 * self.half:.0f} cm wide")
+        elif self._stuck_detector.is_stuck(
+                t, self.model.now.speed if self.cap >= CRAWL_SPEED else inf):
             self._end(f"the car does not move, though commanded to for {STUCK_TIME:g} s")
         elif t - self._start_t > self.duration:
             self._end(f"the time of {self.duration:g} s is over", good=True)
@@ -180,6 +186,8 @@ class LaneFollower(Ending):
             min(self.cap, self._bend_speed(self.path), sqrt(2.0 * STOP_DECELERATION * remaining)),
             CRAWL_SPEED,
         )
+        if self.cap < CRAWL_SPEED:  # no motor turns so slowly
+            self._speed = 0.0
         return self._speed
 
     def _bend_speed(self, path: Path) -> float:

@@ -30,6 +30,8 @@ from dart_hal.core.types import Limit, State
 # Largest acceleration of the integral [m/s2]: a slope of 11 degrees, or a dead band that is 0.12 of
 # throttle off, the difference between two ESCs.
 MAX_INTEGRAL = 2.0
+# Throttle by which the counts of the PCA9685 round a command, at most.
+MAX_THROTTLE_ROUNDING = 0.02
 # Throttle that counts as driving forward; a count of the PCA9685 is 0.011.
 MIN_PULL = 0.8 * COAST_THROTTLE
 # Decelerations that a car does not exceed [m/s2]: with the brake that of rubber tyres, 1.2 g;
@@ -63,7 +65,7 @@ class SpeedLoop:
         self._direction = 0.0
         self._pulled = False
         self._t: float | None = None
-        self._trusted = 0.0
+        self._trusted = self._sent = 0.0
         self.open_loop = self.clipped = self.saturated = False
 
     @property
@@ -110,12 +112,23 @@ class SpeedLoop:
             measured = math.copysign(abs(self._trusted) - fall, self._trusted)
         self._trusted = measured
         self._record_throttle(applied, dt)
+        if state is not None and self._is_withheld(state):
+            # Begin at the measured speed: the car must not leap when the throttle passes again.
+            self._rest()
         throttle = self._law(target, measured, dt)
         result = (throttle if target > 0.0 and throttle < 0.0  # the brake, while driving forward
                   else self._reversal.throttle(throttle, measured, dt))
         if self._reversal.holding:
             self._rest()
+        self._sent = result
         return result
+
+    def _is_withheld(self, state: State) -> bool:
+        """Return whether obstacle or battery keep the throttle below what this loop has sent."""
+        limited = state.applied.limited
+        return Limit.OBSTACLE.value in limited or (
+            Limit.BATTERY.value in limited
+            and state.applied.throttle < self._sent - MAX_THROTTLE_ROUNDING)
 
     def _rest(self) -> None:
         self._profile.reset()

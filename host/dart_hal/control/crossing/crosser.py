@@ -17,7 +17,7 @@ from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
-from dart_hal.core.types import FloatArray, MotionEstimate, Tracking
+from dart_hal.core.types import START_FRAME, FloatArray, MotionEstimate, Tracking
 
 # Period of the messages [s].
 MESSAGE_PERIOD = 0.1
@@ -27,6 +27,20 @@ MIN_TARGET_SPEED = 0.1
 MIN_START_SPEED = 0.3
 # Time without a pose after which the car stops [s].
 MAX_POSE_GAP = 0.5
+
+
+# Distance from its route at which a car stops [m]: the others count on its route.
+MAX_ROUTE_OFFSET = 0.3
+
+
+def is_located(motion: MotionEstimate) -> bool:
+    """Return whether a motion has a place in the room, by a fresh pose."""
+    return motion.tracking is Tracking.TRACKING and motion.frame != START_FRAME
+
+
+def describe_offset(offset: float) -> str:
+    """Return why a car with this distance to its route [m] must stop, or ""."""
+    return f"{abs(offset):.2f} m from its route" if abs(offset) > MAX_ROUTE_OFFSET else ""
 
 
 class CrosserCommand(NamedTuple):
@@ -54,6 +68,7 @@ class Crosser:
         self._located_t = -inf
         self._has_begun = False
         self._is_waiting = True
+        self._off_route = ""
 
     @property
     def s(self) -> float:
@@ -83,7 +98,7 @@ class Crosser:
     @property
     def why(self) -> str:
         """Reason of the end, or ""."""
-        return self.tracker.why
+        return self.tracker.why or self._off_route
 
     def answer(
         self, motion: MotionEstimate, datagrams: Iterable[tuple[bytes, float]], free: float = inf
@@ -95,13 +110,16 @@ class Crosser:
         """
         t = motion.t
         pose = motion.pose
-        if not self._has_begun:
-            self.tracker.begin(self.path.nearest(pose.x, pose.y))
-            self._has_begun = True
-        if motion.tracking is Tracking.TRACKING:
-            self._located_t = t
         for data, age in datagrams:
             self.coordinator.receive(data, t, age)
+        if is_located(motion):
+            if not self._has_begun:
+                self.tracker.begin(self.path.nearest(pose.x, pose.y))
+                self._has_begun = True
+            self._located_t = t
+        if not self._has_begun:
+            # Others would wait for a car at the origin, or pass before it.
+            return CrosserCommand(0.0, 0.0, b"")
         message = b""
         if t > self._next_message_t - 1e-6:
             self._next_message_t = t + MESSAGE_PERIOD
@@ -114,6 +132,7 @@ class Crosser:
         self._is_waiting = speed < MIN_TARGET_SPEED or (
             self._is_waiting and target_speed < MIN_START_SPEED
         )
+        self._off_route = self._off_route or describe_offset(self.tracker.offset)
         if self._is_waiting or self.why or t - self._located_t > MAX_POSE_GAP:
             speed = 0.0
         return CrosserCommand(steering, speed, message)

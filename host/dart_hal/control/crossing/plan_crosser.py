@@ -11,13 +11,18 @@ from math import inf
 
 import numpy as np
 
-from dart_hal.control.crossing.crosser import MAX_POSE_GAP, CrosserCommand
+from dart_hal.control.crossing.crosser import (
+    MAX_POSE_GAP,
+    CrosserCommand,
+    describe_offset,
+    is_located,
+)
 from dart_hal.control.crossing.layout import CrossingLayout
 from dart_hal.control.plant import Plant
 from dart_hal.control.shared_plans.planner import PlanSharer
 from dart_hal.control.shared_plans.timed_plan import LEVEL_SPEED, MAX_LEVEL, TIME_STEP
 from dart_hal.control.trackers import contouring
-from dart_hal.core.types import FloatArray, MotionEstimate, TextEnum, Tracking
+from dart_hal.core.types import FloatArray, MotionEstimate, TextEnum
 
 # Period of the messages [s]: a quarter of an answer's 0.2 s, five control steps.
 PLAN_MESSAGE_PERIOD = 0.05
@@ -88,15 +93,17 @@ class PlanCrosser:
         datagrams: received bytes and the age of each [s]; free: not used, as plans are shared.
         """
         t = motion.t
-        if not self._has_begun:
-            pose = motion.pose
-            self.tracker.begin(self.path.nearest(pose.x, pose.y))
-            self._has_begun = True
         self._t = t
-        if motion.tracking is Tracking.TRACKING:
-            self._located_t = t
         for data, age in datagrams:
             self.sharer.receive(data, t, age)
+        if is_located(motion):
+            if not self._has_begun:
+                pose = motion.pose
+                self.tracker.begin(self.path.nearest(pose.x, pose.y))
+                self._has_begun = True
+            self._located_t = t
+        if not self._has_begun:
+            return CrosserCommand(0.0, 0.0, b"")
         message = b""
         if t > self._next_message_t - 1e-6:
             self._next_message_t = t + PLAN_MESSAGE_PERIOD
@@ -104,7 +111,7 @@ class PlanCrosser:
             message = self.sharer.next_message(t)
         speed = self._follow_plan(t)
         steering = self.tracker.steer(motion)
-        self.why = self.why or self.tracker.why
+        self.why = self.why or self.tracker.why or describe_offset(self.tracker.offset)
         if self.why or t - self._located_t > MAX_POSE_GAP:
             speed = 0.0
         return CrosserCommand(steering, speed, message)

@@ -180,7 +180,7 @@ class Monitor:
         rate = self.omega + repulsion(self.X, previous, following, self.k)
         self.rate = min(max(rate, MIN_RATE_FACTOR * self.omega), self.fastest)
         speed = self.rate * float(self.formation.curve.rate(np.array(self.X)))
-        return speed if speed > 0.5 * CRAWL_SPEED else 0.0
+        return speed if speed >= CRAWL_SPEED else 0.0
 
     def _select_mode(self, now: float) -> MonitorMode:
         """Select the mode and store the cars that it waits for."""

@@ -18,6 +18,7 @@ import numpy as np
 from dart_hal.control.ending import MAX_POSE_GAP
 from dart_hal.control.follow import DriveCommand, find_start
 from dart_hal.control.lap import CRAWL_SPEED
+from dart_hal.control.mpc.tracker import DEFAULT_HALF_WIDTH
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.platoon.by_lane import LaneTracker
@@ -32,6 +33,8 @@ from dart_hal.core.types import FloatArray, MotionEstimate, Scan, Tracking
 
 # Number of stored poses: 0.5 s of States, a scan takes 0.13 s.
 MAX_QUEUED_POSES = 50
+# s by which the speed of the car follows its command.
+SPEED_LAG = 0.15
 # Largest difference between the commanded speed and the car's [m/s]: the loop catches up.
 MAX_SPEED_LEAD = 0.3
 
@@ -84,6 +87,8 @@ class PlatoonCar:
         self._located_t = -inf
         self._poses: deque[tuple[float, ...]] = deque(maxlen=MAX_QUEUED_POSES)
         self._new_gap: Gap | None = None
+        self._has_joined = False
+        self._ended = ""
 
     @property
     def offset(self) -> float:
@@ -116,7 +121,10 @@ class PlatoonCar:
         if predecessor is not None:
             self._take_report(predecessor, t)
         if t >= self._next_t - 1e-6:
+            # After a pause the missed steps are not made up for: each would be of full length.
             self._next_t += self._dt
+            if self._next_t <= t:
+                self._next_t = t + self._dt
             self.u = self._choose_acceleration(t, max(motion.speed, 0.0), predecessor)
         self._target_speed = self._integrate_speed(since, max(motion.speed, 0.0))
         return DriveCommand(steering, self._target_speed)
@@ -176,7 +184,9 @@ class PlatoonCar:
         self, t: float, speed: float, predecessor: PredecessorState | None
     ) -> float:
         """Return the acceleration [m/s2] for the next step."""
-        lost = "the pose is lost" if t - self._located_t > MAX_POSE_GAP else self.tracker.why
+        self._ended = self._ended or self._find_end(speed)
+        lost = ("the pose is lost" if t - self._located_t > MAX_POSE_GAP
+                else self.tracker.why or self._ended)
         if self.follower is None:
             self.mode, self.why = (PlatoonMode.STOP, lost) if lost else (PlatoonMode.LEAD, "")
             return self.gains.u_min if lost else clip(self.gains, self._leader_law(t, speed))
@@ -188,6 +198,17 @@ class PlatoonCar:
             self.mode = PlatoonMode.STOP
             self.why = lost
         return self.gains.u_min if lost else u
+
+    def _find_end(self, speed: float) -> str:
+        """Return why the car must stop: the path ends, or it has left its lane; else ""."""
+        offset = abs(self.tracker.offset)
+        self._has_joined = self._has_joined or offset < 0.5 * DEFAULT_HALF_WIDTH
+        if self._has_joined and offset > DEFAULT_HALF_WIDTH:
+            return f"{offset:.2f} m from the path"
+        if self.path.closed:
+            return ""
+        stopping = speed * (self._dt + SPEED_LAG) + speed**2 / (2.0 * abs(self.gains.u_min))
+        return "the path ends" if self.path.length - self.tracker.s < stopping else ""
 
     def _integrate_speed(self, since: float, speed: float) -> float:
         """Return the speed [m/s] to command."""
