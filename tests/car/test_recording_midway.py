@@ -6,6 +6,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import UsageError
+from dart_hal.recording.pieces import PieceWriter
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 
@@ -55,3 +56,22 @@ def test_one_at_a_time_and_an_old_file_is_kept(tmp_path):
             pass
     with Car.open(f"replay://{tmp_path / 'other.mcap'}"):
         pass
+
+
+def test_a_replay_delivers_each_state_of_a_chunk_that_came_late(tmp_path):
+    """One late read of a serial port is a chunk of many frames; the callbacks get each State."""
+    with Car.open("sim://?nano=mock&seed=2&fail=line:garbage=1e-4@0.5s",
+                  record=tmp_path / "run.mcap") as car:
+        for _ in car.states(duration=4.5):
+            pass
+    seen = []
+    with Car.open(f"replay://{tmp_path / 'run.mcap'}") as again:
+        again.on_state(seen.append)
+        states = list(again.states())
+    assert [state.t for state in states] == [state.t for state in seen]
+
+
+def test_two_programs_do_not_write_into_one_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    with Car.open("sim://?nano=mock", record=path), pytest.raises(FileExistsError):
+        PieceWriter(path)

@@ -283,3 +283,14 @@ def test_a_lerobot_data_set_is_imported_by_episode(log, tmp_path):
 def test_a_folder_without_tables_is_refused(tmp_path):
     with pytest.raises(RecordingError, match="no table"):
         read_tables([tmp_path])
+
+
+def test_a_bag_with_a_wrong_checksum_is_refused(log, tmp_path):
+    folder = write_ros2(tmp_path / "bag", log, rosbag2.StoragePlugin.MCAP)
+    (path,) = folder.glob("*.mcap")
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle:middle + 8] = bytes(8)
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_tables([path])

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from dart_hal.core.errors import RecordingError
+from dart_hal.core.errors import ConfigError, RecordingError
 from dart_lab.importing import check_data, convert_tables, guess_map, read_tables
 from dart_lab.importing.maps import Column, column_of, parse_map
 from dart_lab.importing.tables import Table
@@ -263,3 +263,44 @@ def test_what_no_data_can_show_is_a_question(log):
     questions = " ".join(guess_map([Table("log", columns)]).questions)
     assert "largest steering angle" in questions
     assert "kind speed" in questions
+
+
+def test_a_guess_takes_no_unit_of_another_quantity(log):
+    """speed_ms is in m/s, and the g of a global frame is no acceleration."""
+    names = {"t": "t", "x_g": "x", "y_g": "y", "yaw": "yaw", "steering": "steering",
+             "throttle": "throttle", "speed_ms": "speed"}
+    guess = guess_map([Table("log", {name: log[key] for name, key in names.items()})]).map
+    assert column_of(guess.poses.x) == Column(column="x_g")
+    assert column_of(guess.encoder.speed) == Column(column="speed_ms", unit="m/s")
+    with pytest.raises(ConfigError, match=r"encoder\.speed has an unknown unit"):
+        parse_map(MAP.replace('speed = "speed"', 'speed = {column = "speed", unit = "ms"}'), "map")
+
+
+@pytest.mark.parametrize(("factor", "rows", "remedy"), [
+    (180.0 / np.pi, slice(None), "state the unit"), (1e6, slice(5, 6), "remove these rows")])
+def test_values_beyond_any_car_are_refused_without_a_sensor_to_compare(log, factor, rows, remedy):
+    columns = {name: log[name] for name in ("t", "steering", "throttle", "yaw_rate")}
+    text = "\n".join(part for part in re.split(r"\n(?=\[)", MAP)
+                     if not re.match(r"\[(poses|encoder|accelerometer)", part))
+    assert not any(f.severe for f in find(columns, text))
+    columns["yaw_rate"] = log["yaw_rate"].copy()
+    columns["yaw_rate"][rows] *= factor
+    (found,) = (f for f in find(columns, text) if f.severe)
+    assert "35 rad/s" in found.text
+    assert remedy in found.remedy
+
+
+@pytest.mark.parametrize("angle", [0.300033, 0.29997])
+def test_the_full_scale_of_a_guess_is_not_below_the_largest_angle(log, angle):
+    size = angle / np.max(np.abs(log["steering"]))
+    columns = {**log, "steering_angle": size * log["steering"]}
+    del columns["steering"]
+    table = Table("log", columns)
+    guess = guess_map([table]).map
+    assert guess.steering.full_scale >= angle
+    convert_tables([table], guess)
+
+
+def test_a_log_of_one_row_a_second_is_checked_without_a_crash():
+    slow = {name: values[::10] for name, values in make_log(1200.0, rate=10.0).items()}
+    assert any("1 rows a second" in str(found) for found in find(slow))

@@ -279,3 +279,28 @@ def test_another_mcap_file_is_no_imported_recording(tmp_path):
     path.write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(RecordingError, match="no imported recording"):
         read_data(path)
+
+
+@pytest.mark.parametrize("start", [0.0, -5.0])
+def test_a_log_that_begins_at_0_may_have_a_delay(log, tmp_path, start):
+    columns = {**log, "t": log["t"] - log["t"][0] + start}
+    data = convert(columns, MAP.replace("[gyro]", "[gyro]\ndelay = 0.012"))
+    write_imported(data, tmp_path / "run.mcap")
+    again = read_data(tmp_path / "run.mcap")
+    ages = [stream.t[0] for stream in again.streams.values()]
+    assert max(ages) - min(ages) == pytest.approx(0.012, abs=1e-6)
+
+
+def test_a_step_forward_of_the_clock_is_refused_by_its_row(log):
+    columns = {**log, "t": np.concatenate([[0.0], 1.7e9 + log["t"][1:]])}
+    with pytest.raises(RecordingError, match=r"steps forward by 1\.7e") as caught:
+        convert(columns)
+    assert "row 2" in caught.value.found
+
+
+def test_rows_that_were_sorted_are_stated(log):
+    columns = {name: values.copy() for name, values in log.items()}
+    for values in columns.values():
+        values[[10, 11]] = values[[11, 10]]
+    data = convert(columns)
+    assert any("1 rows up to 0.01 s out of order" in text for text in data.facts["changes"])

@@ -8,8 +8,10 @@ import resource
 from contextlib import contextmanager
 
 import pytest
+from click.testing import CliRunner
 
 from dart_hal.car import Car
+from dart_hal.cli.replay import command as replay_command
 from dart_hal.core.errors import FileTrouble
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
@@ -74,3 +76,31 @@ def test_a_disk_that_is_full_from_the_beginning_is_refused(tmp_path, caplog):
     with pytest.raises(FileTrouble, match="No space left on device"):
         Car.open(MOCK_1_URL, record=tmp_path / "run.mcap")
     assert "goes on" not in caplog.text
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_at_the_end_is_reported(tmp_path, caplog):
+    """Last chunk and index are written when the car is closed."""
+    path = tmp_path / "run.mcap"
+    car = Car.open(MOCK_1_URL, record=path)
+    for _ in car.states(duration=0.3):
+        pass
+    with room_for(path.stat().st_size + 100):
+        car.close()
+    assert isinstance(car.recorder.trouble, FileTrouble)
+    assert "the recording ends here" in caplog.text
+
+
+@pytest.mark.slow
+def test_a_table_that_cannot_be_written_leaves_the_old_one(tmp_path):
+    with Car.open(MOCK_1_URL, record=tmp_path / "run.mcap") as car:
+        for _ in car.states(duration=2.0):
+            pass
+    table = tmp_path / "run.csv"
+    table.write_text("kept\n")
+    with room_for(20_000):
+        found = CliRunner().invoke(replay_command, [str(tmp_path / "run.mcap"), "--out",
+                                                    str(table)])
+    assert found.exception is not None
+    assert table.read_text() == "kept\n"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.csv", "run.mcap"]

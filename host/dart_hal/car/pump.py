@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -40,17 +41,28 @@ def _no_frame_error(engine: Engine, timeout: float) -> LinkLost:
 
 
 class InlinePump:
-    """Virtual time: the step runs inside ``next``, and no State is skipped."""
+    """Virtual time: the step runs inside ``next``.
+
+    Of several States of one step a program that drives gets the newest, as on a real link. A replay
+    delivers each.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
+        self._is_replay = engine.backend.link.applied is not None
+        self._waiting: deque[State] = deque()
 
     def next(self, timeout: float) -> tuple[State, int]:
         engine = self._engine
         engine.refuse_in_listener()
+        if self._waiting:
+            return self._waiting.popleft(), 0
         deadline = engine.now + timeout
         while True:
             states = engine.step(max(deadline - engine.now, 0.0))
+            if states and self._is_replay:
+                self._waiting.extend(states[1:])
+                return states[0], 0
             if states:
                 return states[-1], len(states) - 1
             if engine.now >= deadline:

@@ -43,10 +43,11 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
         states = limit_to_real_time(states) if foxglove else states
         for _ in with_progress(states, duration, "recording"):
             pass
-        # A full disk ends the recording but not the drive: it is an error of this verb.
-        if car.recorder.trouble is not None:
-            raise car.recorder.trouble
         result = summary.as_json({"recording": out})
+    # A full disk ends the recording but not the drive: it is an error of this verb. The index is
+    # written last, when the car is closed.
+    if car.recorder.trouble is not None:
+        raise car.recorder.trouble
     if as_json:
         print_json(result)
     else:

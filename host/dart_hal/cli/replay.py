@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
 from dart_hal.car import Car
+from dart_hal.car.export.whole import whole
 from dart_hal.cli.common.options import json_option, old_spelling, out_option
 from dart_hal.cli.common.output import print_json, results, show_notices
 from dart_hal.cli.common.outputs import OutputFile
@@ -26,8 +27,9 @@ def command(recording: Path, out: Path | None, as_json: bool) -> None:
     with Car.open(f"replay://{recording}") as car:
         show_notices(car.notices)
         summary = RunSummary(car)
-        with open_writer(out) if out else nullcontext() as writer:
-            if writer is not None:
+        with ExitStack() as files_open:
+            if out is not None:
+                writer = files_open.enter_context(open_writer(files_open.enter_context(whole(out))))
                 car.on_state(writer.state)
             # States reach the summary and the file by callbacks.
             for _ in car.states():

@@ -77,7 +77,9 @@ def find_fault(drive: PoseComparison) -> PoseFault | None:
                          "too little")
     usual = _is_usual(np.hypot(external[:, 0], external[:, 1]), distance) & _is_usual(
         external[:, 2], car[:, 2])
-    car, external, distance = car[usual], external[usual], distance[usual]
+    car = car[usual]
+    external = external[usual]
+    distance = distance[usual]
     scale = float(np.hypot(external[:, 0], external[:, 1]).sum() / distance.sum())
     turn = float(external[:, 2] @ car[:, 2] / (car[:, 2] @ car[:, 2]))
     turns = np.ptp(external[:, 2]) > 0.0

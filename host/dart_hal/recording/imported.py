@@ -10,6 +10,7 @@ cannot be replayed.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -107,7 +108,10 @@ class ImportedData:
 def write_imported(data: ImportedData, path: Path) -> None:
     """Write an imported file; nothing remains of it if this fails. Raises OSError."""
     partial = path.with_name(path.name + ".part")
-    zero = round(1e9 * min(float(s.t[0]) for s in data.streams.values()))
+    first = min(float(s.t[0]) for s in data.streams.values())
+    # Stamps of a file are not negative.
+    shift = max(-math.floor(first), 0)
+    zero = round(1e9 * (first + shift))
     marker = data.marker
     note = {**data.facts, "drive": data.drive, "steering_scale": data.steering_scale,
             "marker": None if marker is None else marker.to_json()}
@@ -121,7 +125,7 @@ def write_imported(data: ImportedData, path: Path) -> None:
             for name, stream in data.streams.items():
                 channel = writer.register_channel(f"/import/{name}", "cdr", kind,
                                                   {ZERO: str(zero)})
-                stamps = np.rint(1e9 * stream.t).astype(np.int64).tolist()
+                stamps = np.rint(1e9 * (stream.t + shift)).astype(np.int64).tolist()
                 for ns, row in zip(stamps, stream.values, strict=True):
                     writer.add_message(channel, ns, cdr.encode_numbers(row), ns)
             writer.finish()  # type: ignore[no-untyped-call]

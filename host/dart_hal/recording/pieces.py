@@ -17,7 +17,9 @@ class PieceWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = private(path.open("wb", buffering=0))
+        # A recording is never overwritten, also by a program that starts at the same time.
+        mode = "wb" if path.exists() and not path.is_file() else "xb"
+        self._file = private(path.open(mode, buffering=0))
         self._buffer = bytearray()
         self._end = 0
         self.trouble: OSError | None = None

@@ -170,7 +170,7 @@ class RunFile:
             f"{self.path}: {why.strerror or why}", read=str(self.path),
             found=f"{type(why).__name__} {why.errno or ''}".strip(),
             remedy=f"df -h {self.path.parent}, free some space; what was recorded is in the file")
-        if self._users:
+        if self._users or self.closed:  # else it did not begin
             log.warning("%s: %s; the recording ends here, the drive goes on", self.path,
                         why.strerror or why)
 

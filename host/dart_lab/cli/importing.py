@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -79,7 +80,8 @@ def run_import(files: Sequence[Path], map_name: str, car: CarFiles | None, out: 
                                                                  for f in severe),
             read=", ".join(map(str, files)), expected="signs, units and axes of one car",
             remedy="; ".join(f.remedy for f in severe) + "; or --unchecked, if the car is so")
-    target = out or Path(files[0].name.split(".")[0] + ".mcap")
+    stem = re.sub(r"(\.(gz|csv|tsv|txt|mcap|bag|db3|parquet|json))+$", "", files[0].name)
+    target = out or Path(f"{stem}.mcap")
     if target.suffix != ".mcap":
         raise UsageError(f"{target} is no recording", found=target.name,
                          expected="a name that ends in .mcap", remedy="--out run.mcap")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from collections.abc import Callable, Iterator, Mapping
 from operator import attrgetter
 from pathlib import Path
@@ -36,6 +37,9 @@ DEFINITIONS = {
 }
 
 Rows = dict[str, list[tuple[float, Any]]]
+# What readers raise for damaged or unusual files, besides errors of their own.
+DAMAGE = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
+          TypeError, ValueError, struct.error)
 
 
 def read_bag(path: Path) -> list[Table]:
@@ -84,7 +88,9 @@ def _read_rosbag(path: Path) -> Rows:
     store = _store()
     from rosbags.highlevel import AnyReader
     from rosbags.highlevel.anyreader import AnyReaderError
+    from rosbags.rosbag1 import ReaderError
     from rosbags.serde import SerdeError
+    from rosbags.typesys import TypesysError
 
     folder = path.parent if path.suffix == ".db3" else path
     rows: Rows = {}
@@ -93,7 +99,7 @@ def _read_rosbag(path: Path) -> Rows:
             for connection, ns, raw in reader.messages():
                 kept = rows.setdefault(connection.topic, [])
                 kept.append((1e-9 * ns, reader.deserialize(raw, connection.msgtype)))
-    except (AnyReaderError, SerdeError, KeyError, OSError, ValueError) as why:
+    except (AnyReaderError, ReaderError, SerdeError, TypesysError, *DAMAGE) as why:
         raise _unreadable(path, why) from why
     return rows
 
@@ -102,19 +108,21 @@ def _read_mcap(path: Path) -> Rows:
     """Read the messages of an MCAP file: ROS 2, ROS 1 or JSON."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import TypesysError
 
     rows: Rows = {}
     decoders: dict[int, Callable[[bytes], Any] | None] = {}
     try:
         with path.open("rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages():
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
                 if channel.id not in decoders:
                     decoders[channel.id] = _make_decoder(schema, channel)
                 decode = decoders[channel.id]
                 if decode is not None:
                     kept = rows.setdefault(channel.topic, [])
                     kept.append((1e-9 * message.log_time, decode(message.data)))
-    except (McapError, OSError, ValueError, KeyError, EOFError) as why:
+    except (McapError, SerdeError, TypesysError, *DAMAGE) as why:
         raise _unreadable(path, why) from why
     return rows
 

@@ -49,6 +49,11 @@ UNIT_RATIOS = {
 UNIT_TOLERANCE = 1.2
 # m/s: 90 % quantile of a speed above which no car drives; a racing car of 1:1 reaches 80.
 MAX_POSE_SPEED = 100.0
+# Largest value of a sensor, and its unit: the BNO055 ends at 2000 deg/s and 16 g.
+SENSOR_LIMITS = {"encoder": (MAX_POSE_SPEED, "m/s"), "gyro": (35.0, "rad/s"),
+                 "accelerometer": (200.0, "m/s2")}
+# Share of the values beyond which they are of another unit, and no single wrong ones.
+MAX_OUTLIER_SHARE = 0.001
 # s: offsets between two clocks that are tried, and from which on they are reported.
 MAX_CLOCK_OFFSET = 2.0
 MIN_CLOCK_OFFSET = 0.06
@@ -122,6 +127,9 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     Poses that contradict themselves are reported alone: nothing can be compared with them.
     """
     g = resample(data)
+    ranges = _check_ranges(data)
+    if len(g.t) < MIN_SAMPLES:
+        return [*ranges, *_find_repeated_rows(data), *_find_slow_rows(data)]
     findings = _check_pose_speed(g) + _check_yaw(g)
     if any(f.severe for f in findings):
         return findings
@@ -139,7 +147,9 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     findings += _find_repeated_rows(data) + _find_slow_rows(data)
     if data.drive == "speed":
         findings += _check_speed_command(g)
-    return findings
+    # A comparison that names the unit says more.
+    compared = {f.what for f in findings if f.severe}
+    return findings + [f for f in ranges if f.what not in compared]
 
 
 def resample(data: ImportedData) -> GridData:
@@ -211,6 +221,25 @@ def _check_pose_speed(g: GridData) -> list[ImportFinding]:
         units = f'"{both[0]}"' if both else units
     return [ImportFinding("poses", f"the car would drive at {speed:.0f} m/s",
                           f"x and y of [poses] need unit = {units}", severe=True)]
+
+
+def _check_ranges(data: ImportedData) -> list[ImportFinding]:
+    """Refuse sensors whose values no car can have, as degrees taken for radians."""
+    findings = []
+    for name, (limit, unit) in SENSOR_LIMITS.items():
+        if name not in data.streams:
+            continue
+        size = np.abs(data.streams[name].values)
+        beyond = size > limit
+        if not beyond.any():
+            continue
+        is_unit = float(beyond.mean()) > MAX_OUTLIER_SHARE
+        findings.append(ImportFinding(
+            name, f"{int(beyond.sum())} of {beyond.size} values are beyond {limit:g} {unit}, up to "
+                  f"{float(size.max()):.4g}",
+            f"state the unit of the column in [{name}]" if is_unit else "remove these rows",
+            severe=True))
+    return findings
 
 
 def _find_units_of_both(ratio: float) -> tuple[str, str] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 
@@ -20,6 +21,10 @@ from .tables import Table, quote_names
 MAX_BAD_SHARE = 0.05
 # s: rows that are out of order by less are sorted; a larger step back is another run.
 MAX_DISORDER = 0.1
+# s: a day. A longer step forward is a clock that was set, and a grid over it would fill the memory.
+MAX_PAUSE = 86_400.0
+# Median periods, below which the unit of the time is wrong.
+MAX_PAUSE_PERIODS = 1000.0
 # s between two rows, in the median: slower sensors determine nothing, faster ones are in no car.
 MIN_PERIOD = 5e-5
 MAX_PERIOD = 1.0
@@ -149,7 +154,8 @@ def _check_angles(angles: FloatArray, full_scale: float) -> None:
             expected="full_scale of at least the largest angle",
             likely="a map of a car with a smaller lock" if worst < MAX_LOCK
             else "an angle in degrees, or of the steering wheel",
-            remedy=f"copy the map and write full_scale = {worst:.4g} or more into [steering]"
+            remedy=f"copy the map and write full_scale = {math.ceil(1e4 * worst) / 1e4:g} or more "
+                   "into [steering]"
             if worst < MAX_LOCK else 'state unit = "deg" or the scale of the value of [steering]')
 
 
@@ -245,8 +251,20 @@ def _order(t: FloatArray, rows: FloatArray, name: str, table: Table, changes: li
             found=f"row {row + 1} of {table.name}", expected="a time that increases",
             likely="two runs in one file, or a clock that was set",
             remedy="split the file there, and import the parts one by one")
+    if np.any(back > 0.0):
+        changes.append(f"{name}: {int(np.sum(back > 0.0))} rows up to {float(back.max()):.3g} s "
+                       "out of order, sorted")
     order = np.argsort(t, kind="stable")
     t = t[order]
+    pause = np.diff(t, prepend=t[:1])
+    if len(t) and float(pause.max()) > max(MAX_PAUSE, MAX_PAUSE_PERIODS * float(np.median(pause))):
+        row = int(np.argmax(pause))
+        raise RecordingError(
+            f"[{name}]: the time steps forward by {pause[row]:.6g} s", read=table.source[0],
+            found=f"row {order[row] + 1} of {table.name}",
+            expected=f"steps of at most {MAX_PAUSE:g} s",
+            likely="a clock that was set after the start, or two runs in one file",
+            remedy="remove the rows before it, or import the parts one by one")
     rows = rows[order]
     fresh = np.concatenate([[True], np.diff(t) > 0.0])[:len(t)]
     if not fresh.all():

@@ -25,7 +25,7 @@ from dart_hal.core.types import FloatArray
 
 from .checks import GRID_STEP, Change, check_data
 from .convert import COMMAND_TOLERANCE, convert_tables
-from .maps import MAP_SCHEMA, MAP_STREAMS, UNITS, Column, ImportMap, column_of
+from .maps import MAP_SCHEMA, MAP_STREAMS, UNITS, UNITS_BY_KEY, Column, ImportMap, column_of
 from .tables import Table, quote_names
 
 # Changes of the map by the checks; each stream has a few.
@@ -179,10 +179,14 @@ def _candidates(tables: Sequence[Table], role: str,
         yield from sorted(hits, key=lambda hit: (hit[0] is last, -len(hit[0])))
 
 
-def _column(name: str) -> Column:
-    """Return a column with the unit that its name states."""
-    unit = UNIT_IN_NAME.search(name.lower())
-    return Column(column=name, unit=UNIT_SPELLINGS[unit[1]] if unit else "1")
+def _column(name: str, stream: str = "", key: str = "") -> Column:
+    """Return a column with the unit that its name states, if it is one of the key of a stream."""
+    found = UNIT_IN_NAME.search(name.lower())
+    unit = UNIT_SPELLINGS[found[1]] if found else "1"
+    if unit not in UNITS_BY_KEY.get((stream, key), (unit,)):
+        # speed_ms is in m/s, and the letters of x_g (of a frame) are no unit.
+        unit = "m/s" if (key, unit) == ("speed", "ms") else "1"
+    return Column(column=name, unit=unit)
 
 
 def _find_y(x: str, names: Collection[str]) -> str | None:
@@ -235,14 +239,16 @@ def _add_poses(proposal: Proposal, tables: Sequence[Table]) -> None:
         yaws = [name for _, name in _candidates([table], "yaw")]
         yaws.sort(key=lambda name: not name.startswith(stem))
         if y is not None and yaws:
-            columns = {"x": _column(x), "y": _column(y), "yaw": _column(yaws[0])}
+            columns = {"x": _column(x, "poses", "x"), "y": _column(y, "poses", "y"),
+                       "yaw": _column(yaws[0], "poses", "yaw")}
             if _with_time(proposal, "poses", table, columns, "by their names"):
                 return
     for table in tables:
         found = _search_poses(table)
         if found is not None:
             (x, y, yaw), agreement = found
-            columns = {"x": _column(x), "y": _column(y), "yaw": _column(yaw)}
+            columns = {"x": _column(x, "poses", "x"), "y": _column(y, "poses", "y"),
+                       "yaw": _column(yaw, "poses", "yaw")}
             if _with_time(proposal, "poses", table, columns, "the direction of travel follows yaw "
                           f"({agreement:.0%})"):
                 return
@@ -316,7 +322,7 @@ def _set_kind(proposal: Proposal, stream: str, name: str, values: FloatArray) ->
         degrees = column.unit == "deg" or largest > MAX_STEERING_ANGLE
         replace(unit="deg" if degrees else "rad")
         full = largest * UNITS["deg" if degrees else "rad"]
-        settings |= {"kind": "angle", "full_scale": round(full, 4)}
+        settings |= {"kind": "angle", "full_scale": math.ceil(1e4 * full) / 1e4}
         proposal.questions.append(f"steering: angles up to {full:.3f} rad; what is the largest "
                                   "steering angle of the car (full_scale)?")
     elif stream == "throttle" and re.search(r"speed|vel", low):
@@ -343,11 +349,11 @@ def _add_sensors(proposal: Proposal, tables: Sequence[Table]) -> None:
         # The twist of a particle filter is no sensor: another topic has the odometry.
         for table, name in _candidates(tables, first[1], is_measured,
                                        proposal.tables.get("poses")):
-            columns = {first[0]: _column(name)}
+            columns = {first[0]: _column(name, stream, first[0])}
             for key, role in others:
                 match = next((n for _, n in _candidates([table], role, is_measured)), None)
                 if match is not None:
-                    columns[key] = _column(match)
+                    columns[key] = _column(match, stream, key)
             if name in used or len(columns) < len(roles):
                 continue
             if _with_time(proposal, stream, table, columns, "by their names" if others

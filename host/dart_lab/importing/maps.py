@@ -26,6 +26,18 @@ UNITS = {
     "V": 1.0, "mV": 1e-3,
 }
 
+LENGTH_UNITS = ("1", "m", "cm", "mm")
+ACCELERATION_UNITS = ("1", "m/s2", "g", "mg")
+# Units of each key. A command may be of any kind, and "1" needs a scale.
+UNITS_BY_KEY = {
+    ("poses", "x"): LENGTH_UNITS, ("poses", "y"): LENGTH_UNITS,
+    ("poses", "yaw"): ("1", "rad", "deg"),
+    ("encoder", "speed"): ("1", "m/s", "cm/s", "mm/s", "km/h", "rad/s", "deg/s", "rpm"),
+    ("gyro", "yaw_rate"): ("1", "rad/s", "deg/s", "rpm"),
+    ("accelerometer", "x"): ACCELERATION_UNITS, ("accelerometer", "y"): ACCELERATION_UNITS,
+    ("battery", "voltage"): ("1", "V", "mV"),
+}
+
 
 class Column(FileTable, frozen=True, kw_only=True):
     """A column of a log. Its value in SI units is sign x scale x unit x (column - zero).
@@ -176,9 +188,10 @@ def parse_map(text: str, origin: str) -> ImportMap:
         stream = getattr(made, name)
         for key in () if stream is None else stream.__struct_fields__:
             column = getattr(stream, key)
-            if isinstance(column, Column) and column.unit not in UNITS:
+            allowed = UNITS_BY_KEY.get((name, key), tuple(UNITS))
+            if isinstance(column, Column) and column.unit not in allowed:
                 raise ConfigError(f"{origin}: {name}.{key} has an unknown unit", read=origin,
-                                  found=repr(column.unit), expected=", ".join(UNITS),
+                                  found=repr(column.unit), expected=", ".join(allowed),
                                   remedy="choose one of these, and give the rest as scale")
     for name, stream in (("steering", made.steering), ("throttle", made.throttle)):
         needs = stream.kind in ("angle", "pulse")
