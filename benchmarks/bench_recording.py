@@ -21,6 +21,7 @@ def record(path: Path, seconds: float) -> float:
     bytes of both ways. Returns the CPU time [s]."""
     health = Health(frozenset({"IMU_VALID", "BEAT_OK"}), 0.005, 0.01, 0, 0, None, 1e-4, "linear",
                     (3, 3, 3, 0))
+    path.unlink(missing_ok=True)
     begin = time.process_time()
     with RunWriter(path, url="sim://", car="bench") as writer:
         for k in range(round(100 * seconds)):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.core.errors import UsageError
-from dart_hal.recording.pieces import PieceWriter
+from dart_hal.core.errors import FileTrouble, UsageError
+from dart_hal.recording import open_writer
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 
@@ -73,5 +73,6 @@ def test_a_replay_delivers_each_state_of_a_chunk_that_came_late(tmp_path):
 
 def test_two_programs_do_not_write_into_one_file(tmp_path):
     path = tmp_path / "run.mcap"
-    with Car.open("sim://?nano=mock", record=path), pytest.raises(FileExistsError):
-        PieceWriter(path)
+    with Car.open("sim://?nano=mock", record=path), pytest.raises(FileTrouble,
+                                                                        match="exists"):
+        open_writer(path)

@@ -13,7 +13,7 @@ def open_writer(path: Path | str, **about: Any) -> Any:
     """Return a writer by suffix: ``.mcap``, ``.dart.csv`` (ten columns) or ``.csv``.
 
     about: arguments of ``run.RunWriter`` (url, car, files, versions, start); tables ignore them.
-    Raises RecordingError for another suffix.
+    Raises RecordingError for another suffix, and FileTrouble for an .mcap file that exists.
     """
     path = Path(path)
     if path.suffix == ".mcap":

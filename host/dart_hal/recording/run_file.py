@@ -60,14 +60,21 @@ class RunFile:
     """A file that one run writes, or several (``enter``). It is closed when the last one leaves.
 
     A full disk ends the recording and not the drive: ``trouble`` has the reason, a warning is
-    logged, and the file written so far can be read. Raises OSError if it cannot be created.
+    logged, and the file written so far can be read. Raises OSError if it cannot be created,
+    and FileTrouble if it exists.
     ``channels``: topic and type by number. ``taps`` receive all messages, also on a full disk.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.lock = threading.RLock()  # re-entrant: a signal may close in the middle of a write
-        self._file = PieceWriter(self.path)
+        try:
+            self._file = PieceWriter(self.path)
+        except FileExistsError as error:
+            raise FileTrouble(f"{self.path} exists, and a recording is never overwritten",
+                              read=str(self.path), found="a file of that name",
+                              expected="a new name", remedy="choose another name, or remove it"
+                              ) from error
         self._writer = make_mcap_writer(self._file)
         self._begin()
 
