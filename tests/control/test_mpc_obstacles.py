@@ -10,7 +10,7 @@ import pytest
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc import generated, spread, tracker
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, clearance, required_offset
-from dart_hal.control.paths import Path
+from dart_hal.control.paths import Path, figure_of_eight
 from dart_hal.control.trackers import contouring
 from dart_hal.core.errors import UsageError
 from studies.control.light_follow import LATER, light_drive, plant_by
@@ -30,7 +30,7 @@ def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
 @pytest.mark.parametrize(("x", "y", "offset"), [(4.65, 2.0, -0.15), (2.25, 0.2, 0.2)])
 def test_a_disc_lies_across_from_the_nearest_point(x, y, offset):
     """The track begins at (2.25, 0) along +x; x = 4.5 is a straight upwards."""
-    o = Disc(x, y, 0.1, 0.3).locate(TRACK, 7.0)
+    (o,) = Disc(x, y, 0.1, 0.3).locate(TRACK, 7.0)
     spot = TRACK.interpolate(o.s)
     assert o.offset == pytest.approx(offset, abs=1e-3)
     assert spot.x - o.offset * np.sin(spot.heading) == pytest.approx(x, abs=1e-3)
@@ -39,7 +39,7 @@ def test_a_disc_lies_across_from_the_nearest_point(x, y, offset):
 
 
 def test_one_behind_the_end_is_not_at_the_end():
-    o = Disc(12.0, 0.1, 0.1).locate(OBSTACLE_PATH, 0.0)
+    (o,) = Disc(12.0, 0.1, 0.1).locate(OBSTACLE_PATH, 0.0)
     assert (o.s, o.offset) == pytest.approx((12.0, 0.1))
 
 
@@ -63,7 +63,7 @@ def test_with_the_lane_that_it_requests_there_is_a_passage():
     disc = Disc(6.0, 0.02, 0.15)
     begun = follower(
         disc,
-        lane=required_offset(disc.locate(OBSTACLE_PATH, 0.0)) + tracker.OBSTACLE_LANE_MARGIN
+        lane=required_offset(*disc.locate(OBSTACLE_PATH, 0.0)) + tracker.OBSTACLE_LANE_MARGIN
         + 0.005,
     )
     begun.tracker.begin(0.0)
@@ -75,7 +75,7 @@ def test_it_reports_how_near_it_came():
     disc = Disc(6.0, -0.15, 0.15)
     drive = follower(disc)
     rows = light_drive(drive)
-    o = disc.locate(OBSTACLE_PATH, 0.0)
+    (o,) = disc.locate(OBSTACLE_PATH, 0.0)
     ahead = LATER.body.l_r
     level = min(clearance(x + ahead, y, 0.0, o, OBSTACLE_PATH, t) for t, x, y, *_ in rows)
     assert drive.why == "the path is driven"
@@ -159,3 +159,14 @@ def test_steering_back_to_the_path_would_hit_the_obstacle(monkeypatch):
     """The control."""
     monkeypatch.setattr(tracker.Contouring, "_find_course", lambda self, plan: tracker._ON_PATH)
     assert measure_least_air(2.0, 2.9) < 0.0
+
+
+def test_an_obstacle_at_a_crossing_is_on_both_branches():
+    eight = figure_of_eight(1.2)
+    centre = np.array((eight.x.mean(), eight.y.mean()))
+    found = Disc(*centre, 0.05).locate(eight, 0.0, reach=0.4)
+    assert len(found) == 2
+    assert abs(found[0].s - found[1].s) == pytest.approx(0.5 * eight.length, rel=0.1)
+    assert len(Disc(*centre, 0.05, speed=0.3).locate(eight, 0.0, reach=0.4)) == 1, "it moves"
+    k = len(eight.x) // 4
+    assert len(Disc(float(eight.x[k]), float(eight.y[k]), 0.05).locate(eight, 0.0, 0.3)) == 1

@@ -81,12 +81,30 @@ class Disc:
     radius: float
     speed: float = 0.0
 
-    def locate(self, path: Path, t: float) -> Obstacle:
-        """Return the disc in path coordinates at time t [s], by the nearest point of the path.
+    def locate(self, path: Path, t: float, reach: float = 0.0) -> tuple[Obstacle, ...]:
+        """Return the disc in path coordinates at time t [s].
+
+        By the nearest point of the path, and by that of each other branch within ``reach`` [m]: a
+        figure of eight passes a disc at its crossing twice. A disc that moves is on the first.
+        """
+        distance = np.hypot(path.x - self.x, path.y - self.y)
+        nearest = int(np.argmin(distance))
+        # Stretches of the path within reach, each with its nearest point.
+        near = np.flatnonzero(distance < reach)
+        stretches = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1) if len(near) else []
+        if len(stretches) > 1 and path.closed and near[0] == 0 and near[-1] == len(distance) - 1:
+            stretches[0] = np.concatenate((stretches.pop(), stretches[0]))
+        found = {nearest}
+        if not self.speed:
+            found |= {int(one[np.argmin(distance[one])]) for one in stretches}
+        return tuple(self._locate_near(path, t, float(path.s[k]))
+                     for k in sorted(found, key=lambda k: float(distance[k])))
+
+    def _locate_near(self, path: Path, t: float, s_guess: float) -> Obstacle:
+        """Return the disc by the point nearest to an arc length [m].
 
         The path is continued straight beyond its ends.
         """
-        s_guess = path.nearest(self.x, self.y)
         s = path.closest(self.x, self.y, s_guess)
         spot = path.interpolate(s)
         s += cos(spot.heading) * (self.x - spot.x) + sin(spot.heading) * (self.y - spot.y)

@@ -32,6 +32,8 @@ from dart_hal.control.mpc.driving import (
 )
 from dart_hal.control.mpc.model import STAGE_PERIOD
 from dart_hal.control.mpc.obstacles import (
+    HALF_WIDTH,
+    LATERAL_MARGIN,
     OBSTACLE_LANE_MARGIN,
     Disc,
     Obstacle,
@@ -99,6 +101,7 @@ class Contouring(PathTracker, Generic[PlannerT]):
         self.discs = discs
         self.air = [inf] * len(discs)
         self._disc_obstacles: tuple[Obstacle, ...] = ()
+        self._disc_numbers: list[int] = []
         self.predictions: deque[PredictedPath] = deque(maxlen=MAX_PREDICTIONS)
         self.mpcc.budget = PLAN_BUDGET
         self.plan: MpcPlan | None = None
@@ -119,7 +122,8 @@ class Contouring(PathTracker, Generic[PlannerT]):
         super().begin(s)
         self._fallback.begin(s)
         for k, disc in enumerate(self.discs, start=1):
-            _check_passable(k, disc, disc.locate(self.path, 0.0), self.mpcc.limits.lane)
+            for obstacle in disc.locate(self.path, 0.0, self._reach(disc)):
+                _check_passable(k, disc, obstacle, self.mpcc.limits.lane)
         self.mpcc.reset()
         self.mpcc.clock = self.clock
         self.plan = None
@@ -165,14 +169,22 @@ class Contouring(PathTracker, Generic[PlannerT]):
     def _measure_clearance(self, motion: MotionEstimate) -> None:
         """Start the motion of the discs with the first call; update the clearances."""
         if self.discs and not self._disc_obstacles:
-            self._disc_obstacles = tuple(d.locate(self.path, motion.t) for d in self.discs)
+            by_disc = [d.locate(self.path, motion.t, self._reach(d)) for d in self.discs]
+            self._disc_obstacles = tuple(o for found in by_disc for o in found)
+            self._disc_numbers = [k for k, found in enumerate(by_disc) for _ in found]
             self.set_moving_obstacles(())
         pose = motion.pose
         l_r = self._vehicle.body.l_r
         x = pose.x + l_r * cos(pose.yaw)
         y = pose.y + l_r * sin(pose.yaw)
-        for k, o in enumerate(self._disc_obstacles):
+        for k, o in zip(self._disc_numbers, self._disc_obstacles, strict=True):
             self.air[k] = min(self.air[k], clearance(x, y, pose.yaw, o, self.path, motion.t))
+            if self.air[k] < 0.0 and not self.why:
+                self.why = f"the car is at obstacle {k + 1}"
+
+    def _reach(self, disc: Disc) -> float:
+        """Return the distance [m] from the path within which a disc reduces the lane."""
+        return self.mpcc.limits.lane + disc.radius + HALF_WIDTH + LATERAL_MARGIN
 
     def _hold_steering(self, motion: MotionEstimate) -> float:
         """Return the angle [rad] of the current command and record it."""
