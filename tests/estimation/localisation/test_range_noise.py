@@ -57,3 +57,12 @@ def test_weights_make_the_pose_better_where_noise_grows():
         errors.append([np.hypot(*(pose[:2] - (2.5, 2.0))) for pose in found])
     weighted, equal = np.sqrt(np.mean(np.square(errors), axis=0))
     assert weighted < 0.9 * equal
+
+
+def test_one_scan_of_equal_distances_does_not_end_the_measurement():
+    rng = np.random.default_rng(3)
+    noise = RangeNoise()
+    noise.add(np.full(606, 2.0))
+    for _ in range(20):
+        noise.add(draw_scan(rng, 0.01, 0.01)[0])
+    assert noise.share == pytest.approx(0.01, rel=0.2)

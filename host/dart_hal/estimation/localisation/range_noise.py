@@ -40,6 +40,8 @@ class RangeNoise:
         if len(r) < 2 * MIN_PAIRS:
             return
         is_far = r > np.median(r)
+        if not is_far.any():  # a lidar that repeats one distance
+            return
         near, far = ((STD_OVER_MEDIAN * np.median(spread[half]))**2 for half in (~is_far, is_far))
         differences = np.array((far - near, np.mean(r[is_far]**2) - np.mean(r[~is_far]**2)))
         if self._differences is None:
