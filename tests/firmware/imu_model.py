@@ -22,6 +22,7 @@ MODE = 0x3D
 TRIGGER = 0x3F
 OFFSETS = 0x55
 LEG_LIMIT = 6 * MS
+SCRIPT_LEG_LIMIT = 8 * MS
 
 _START = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_int32, c.c_int32, c.POINTER(c.c_uint8), c.c_int32)
 _INT = c.CFUNCTYPE(c.c_int32)

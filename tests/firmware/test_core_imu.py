@@ -22,6 +22,7 @@ from imu_model import (
     RESET_WAIT,
     RUN,
     SAVE,
+    SCRIPT_LEG_LIMIT,
     SETUP,
     SYS_STATUS,
     TRIGGER,
@@ -375,7 +376,7 @@ def test_it_always_comes_back_and_never_blocks(
     assert view.valid
     assert view.state == RUN
     assert view.acc[0] == part.level
-    assert part.max_leg <= LEG_LIMIT + SLOT_TICKS
+    assert part.max_leg <= SCRIPT_LEG_LIMIT + SLOT_TICKS
 
 
 def test_negative_control_a_dead_part_is_never_valid(core: c.CDLL) -> None:

@@ -44,7 +44,6 @@ class Recorder:
         self._files = files
         self._log_names = LogNames()
         self._writer = start_recording(engine, files, record) if record else None
-        self._last_trouble: DartHalError | None = None
 
     def start(self, path: str | Path) -> Path | None:
         """Start a recording, which goes on until ``end`` or until the car is closed.
@@ -92,7 +91,6 @@ class Recorder:
                 detach_recording(self._engine, self._writer)
                 writer, self._writer = self._writer, None
             writer.close()
-            self._last_trouble = writer.trouble
 
     def close(self) -> None:
         """Close the file, as the last step of closing the car.
@@ -135,7 +133,7 @@ class Recorder:
             >>> car.recorder.trouble is None
             True
         """
-        return self._writer.trouble if self._writer is not None else self._last_trouble
+        return self._writer.trouble if self._writer is not None else None
 
     def messages(self) -> RunFile:
         """Return the stream of recorded messages, whether they are written to a file or not.

@@ -240,7 +240,8 @@ class Follower(Ending):
             self._certain_t = t
         if t - self._located_t > (MAX_BRIDGED_GAP if self._can_bridge(motion) else MAX_POSE_GAP):
             self._end(f"the pose was lost: {motion.tracking} for {t - self._located_t:.1f} s")
-        elif self.phase is Phase.FOLLOWING and t - self._certain_t > MAX_POSE_GAP:
+        elif (self.phase is Phase.FOLLOWING and t - self._certain_t > MAX_POSE_GAP
+              and not self.doubts):  # a doubted speed has a reason of its own, below
             self._end(f"the position is uncertain: a standard error of "
                       f"{self._position_std(motion):.2f} m in a lane of {rules.lane:g} m to each "
                       "side")
