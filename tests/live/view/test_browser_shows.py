@@ -55,10 +55,12 @@ def test_a_number_that_a_program_logs_is_a_channel_that_is_drawn(browsers):
         one.run(WATCH)
         one.run(CHOOSE)
         within(30.0, lambda: one.run("return plots.length"))
-        time.sleep(2.0)
-        rows, values = one.run(DRAWN)
-        assert rows > 100
-        assert set(values) == {0.25, -0.25}
+
+        def is_drawn():
+            rows, values = one.run(DRAWN)
+            return rows > 100 and set(values) == {0.25, -0.25}
+
+        within(30.0, is_drawn)
         assert one.run(INK) > 40, "of the plot's 130 px"
 
 
