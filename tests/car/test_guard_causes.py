@@ -109,7 +109,7 @@ def test_the_guard_is_ended_also_if_ctrl_c_interrupts_closing():
 
 
 def test_a_bus_fault_leaves_the_guard_to_its_own_descriptor():
-    """A beat would tell the guard that all is well, while this program cannot write neutral."""
+    """A beat would report a healthy program, while this one cannot write neutral."""
     with Car.open("sim://?nano=mock", raise_on_trip=False) as car:
         car.arm()
         car._engine.driver._guard = guard = Guard()

@@ -225,7 +225,7 @@ def test_the_distance_to_contact_is_that_of_a_front_that_moves_along_the_arc(cur
         true[inside & np.isinf(true)] = way
     hit = np.isfinite(true)
     assert hit.sum() > 30
-    assert np.all(found[hit] <= true[hit] + 0.003), "no point is seen too late"
+    assert np.all(found[hit] <= true[hit] + 0.003), "no point is detected too late"
     assert np.all(found[hit] >= true[hit] - 0.005), "and none too early"
     # Points that are grazed may be counted either way.
     assert np.mean(found[~hit] < 0.5) < 0.01

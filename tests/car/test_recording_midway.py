@@ -64,11 +64,11 @@ def test_a_replay_delivers_each_state_of_a_chunk_that_came_late(tmp_path):
                   record=tmp_path / "run.mcap") as car:
         for _ in car.states(duration=4.5):
             pass
-    seen = []
+    reported = []
     with Car.open(f"replay://{tmp_path / 'run.mcap'}") as again:
-        again.on_state(seen.append)
+        again.on_state(reported.append)
         states = list(again.states())
-    assert [state.t for state in states] == [state.t for state in seen]
+    assert [state.t for state in states] == [state.t for state in reported]
 
 
 def test_two_programs_do_not_write_into_one_file(tmp_path):

@@ -423,7 +423,7 @@ def test_a_car_without_a_pose_is_silent_and_at_no_place_of_the_crossing(late):
     assert sent[1] > sent[0] or not late
 
 
-def test_a_car_beside_its_route_stops_and_says_why():
+def test_a_car_off_its_route_stops_and_gives_the_reason():
     where = layout()
     car = Crosser(Coordinator(where, ("A", "B"), "A", where.routes[0].name, 0.3, 11),
                   plant_by(UPSTREAM_2024))

@@ -159,10 +159,10 @@ def distance_to_contact(points: FloatArray, curvature: float, front: float, half
                         ) -> FloatArray:
     """Return how far (n,) [m] the rear axle may go until the front reaches each point (n, 2) [m].
 
-    inf beside the path. The front is at ``front`` [m], ``half_width`` [m] to each side.
+    inf off the path. The front is at ``front`` [m], ``half_width`` [m] to each side.
 
     In an arc of radius R a point at r from its centre, and at the angle phi ahead of the axle, is
-    at the front once r sin(angle) = front. The outer corner of the front is the furthest from the
+    at the front once r sin(angle) = front. The outer corner of the front has the largest distance from the
     centre, the inner side the nearest.
     """
     x, y = points.T

@@ -7,7 +7,7 @@ from math import inf
 from dart_hal.control.stopping import StopManoeuvre, StuckDetector
 from dart_hal.core.errors import UsageError
 from dart_hal.core.numbers import is_number
-from dart_hal.core.types import MotionEstimate, TextEnum
+from dart_hal.core.types import START_FRAME, MotionEstimate, TextEnum, Tracking
 
 # Longest time without an accepted pose or lane [s], four scans; at 2 m/s dead reckoning is 2 cm off
 # by then, and a car stops within the observed 2.5 m of a lane.
@@ -16,6 +16,11 @@ MAX_POSE_GAP = 0.5
 MAX_BRIDGED_GAP = 1.5
 # Time for the first pose or the first lane [s]; the motor of an X4 needs 1 to 2 s to its speed.
 MAX_START_WAIT = 5.0
+
+
+def is_located(motion: MotionEstimate) -> bool:
+    """Return whether a motion has a place in the room, by a fresh pose."""
+    return motion.tracking is Tracking.TRACKING and motion.frame != START_FRAME
 
 
 class Phase(TextEnum):

@@ -17,7 +17,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.drive_record import DriveRecord
-from dart_hal.control.ending import MAX_BRIDGED_GAP, MAX_POSE_GAP, MAX_START_WAIT, Ending, Phase
+from dart_hal.control.ending import (
+    MAX_BRIDGED_GAP,
+    MAX_POSE_GAP,
+    MAX_START_WAIT,
+    Ending,
+    Phase,
+    is_located,
+)
 from dart_hal.control.lap import CRAWL_SPEED, SpeedProfile, speed_profile
 from dart_hal.control.on_path import Tracker
 from dart_hal.control.paths import Path
@@ -27,7 +34,7 @@ from dart_hal.control.stopping import REST_SPEED, ROLL_DECELERATION, STOP_DECELE
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
 from dart_hal.core.numbers import is_number
-from dart_hal.core.types import START_FRAME, MotionEstimate, Pose, Tracking
+from dart_hal.core.types import MotionEstimate, Pose, Tracking
 
 # Largest distance from the path at which a drive may begin [m].
 MAX_START_DISTANCE = 1.0
@@ -196,8 +203,7 @@ class Follower(Ending):
         return end - self.tracker.s
 
     def _is_located(self, motion: MotionEstimate) -> bool:
-        return self.rules.odometry or (motion.frame != START_FRAME
-                                       and motion.tracking is Tracking.TRACKING)
+        return self.rules.odometry or is_located(motion)
 
     def _begin(self, motion: MotionEstimate) -> None:
         """Find the start on the whole path and initialise the tracker."""

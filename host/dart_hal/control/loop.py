@@ -30,7 +30,7 @@ from dart_hal.core.types import Limit, State
 # Largest acceleration of the integral [m/s2]: a slope of 11 degrees, or a dead band that is 0.12 of
 # throttle off, the difference between two ESCs.
 MAX_INTEGRAL = 2.0
-# Throttle by which the counts of the PCA9685 round a command, at most.
+# Throttle by which counts may round a command: two counts of the PCA9685, 0.011 each.
 MAX_THROTTLE_ROUNDING = 0.02
 # Throttle that counts as driving forward; a count of the PCA9685 is 0.011.
 MIN_PULL = 0.8 * COAST_THROTTLE

@@ -48,9 +48,9 @@ MAX_GYRO_GAP = 0.5
 NO_GYRO_RATE_STD = 0.3
 # Additional error as a share of the turn rate: understeer.
 NO_GYRO_RATE_SHARE = 0.3
-# m: a car that is turned by hand turns about a point within its wheelbase.
+# m: a car that is turned by hand turns about a point near it, within the length of the car.
 HAND_RADIUS = 0.2
-# rad/s2, one sigma: yaw acceleration of a car that steers in.
+# rad/s2, one sigma: yaw acceleration of a car that steers in, 2 rad/s within 0.13 s.
 YAW_ACCELERATION_STD = 15.0
 # s between two frames with a sample of the gyro beyond which some are missing.
 MAX_GYRO_FRAME_GAP = 2.5 * PERIOD

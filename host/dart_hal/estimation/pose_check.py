@@ -32,7 +32,8 @@ ANGLE_TOLERANCE = 0.3
 MIN_DIRECTION_LENGTH = 0.8
 # rad between both: a slipping car moves up to 10 degrees off its nose.
 MAX_NOSE_ANGLE = math.radians(20.0)
-# Deviations from the usual ratio, in medians of all, beyond which a pose has jumped.
+# Deviation from the usual ratio, in medians of all deviations, beyond which a pose has jumped:
+# seven standard deviations of normal noise.
 MAX_JUMP_RATIO = 10.0
 # Small over large spread of the places below which a driven circle is seen from its side.
 MAX_FLATNESS = 0.03

@@ -54,7 +54,7 @@ MIN_DISTANCE_RATIO = 0.7
 MAX_DISTANCE_RATIO = 1.4
 # rad between both.
 MAX_DIRECTION_ERROR = 0.5
-# s over which the velocity at a pose is taken.
+# s over which the velocity at a pose is taken: five States.
 VELOCITY_TIME = 0.05
 # s of odometry stored for poses that arrive late.
 ODOMETRY_HISTORY = 2.0

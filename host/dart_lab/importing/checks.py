@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.recording.dart.ranges import LIMITS, YAW_RATE_COLUMN
 from dart_hal.recording.imported import ImportedData, Stream
 
 # s: grid of the comparison, and width of the means that precede a derivative.
@@ -49,9 +50,11 @@ UNIT_RATIOS = {
 UNIT_TOLERANCE = 1.2
 # m/s: 90 % quantile of a speed above which no car drives; a racing car of 1:1 reaches 80.
 MAX_POSE_SPEED = 100.0
-# Largest value of a sensor, and its unit: the BNO055 ends at 2000 deg/s and 16 g.
-SENSOR_LIMITS = {"encoder": (MAX_POSE_SPEED, "m/s"), "gyro": (35.0, "rad/s"),
-                 "accelerometer": (200.0, "m/s2")}
+# Largest value of a sensor, and its unit.
+SENSOR_LIMITS = {"encoder": (MAX_POSE_SPEED, "m/s")} | {
+    name: (limit.most, limit.unit) for name, column in (
+        ("gyro", YAW_RATE_COLUMN), ("accelerometer", "acc x (IMU)"))
+    for limit in LIMITS if limit.column == column}
 # Share of the values beyond which they are of another unit, and no single wrong ones.
 MAX_OUTLIER_SHARE = 0.001
 # s: offsets between two clocks that are tried, and from which on they are reported.
@@ -147,7 +150,7 @@ def check_data(data: ImportedData) -> list[ImportFinding]:
     findings += _find_repeated_rows(data) + _find_slow_rows(data)
     if data.drive == "speed":
         findings += _check_speed_command(g)
-    # A comparison that names the unit says more.
+    # A comparison names the unit.
     compared = {f.what for f in findings if f.severe}
     return findings + [f for f in ranges if f.what not in compared]
 

@@ -12,6 +12,7 @@ from dart_hal.core.config.model import MOTOR_VOLTAGE_RANGE
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.model import Reference
+from dart_hal.recording.dart.ranges import MAX_PAUSE
 from dart_hal.recording.imported import MEASUREMENTS, ImportedData, Stream
 
 from .maps import UNITS, Column, Frame, ImportMap, StreamColumns, column_of
@@ -21,8 +22,6 @@ from .tables import Table, quote_names
 MAX_BAD_SHARE = 0.05
 # s: rows that are out of order by less are sorted; a larger step back is another run.
 MAX_DISORDER = 0.1
-# s: a day. A longer step forward is a clock that was set, and a grid over it would fill the memory.
-MAX_PAUSE = 86_400.0
 # Median periods, below which the unit of the time is wrong.
 MAX_PAUSE_PERIODS = 1000.0
 # s between two rows, in the median: slower sensors determine nothing, faster ones are in no car.
@@ -256,6 +255,7 @@ def _order(t: FloatArray, rows: FloatArray, name: str, table: Table, changes: li
                        "out of order, sorted")
     order = np.argsort(t, kind="stable")
     t = t[order]
+    # A grid over a clock that was set would fill the memory.
     pause = np.diff(t, prepend=t[:1])
     if len(t) and float(pause.max()) > max(MAX_PAUSE, MAX_PAUSE_PERIODS * float(np.median(pause))):
         row = int(np.argmax(pause))

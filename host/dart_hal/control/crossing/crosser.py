@@ -15,9 +15,11 @@ import numpy as np
 from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait, StopLine
 from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict
 from dart_hal.control.crossing.speed import safe_speed
+from dart_hal.control.ending import MAX_POSE_GAP, is_located
+from dart_hal.control.mpc.tracker import DEFAULT_HALF_WIDTH
 from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
-from dart_hal.core.types import START_FRAME, FloatArray, MotionEstimate, Tracking
+from dart_hal.core.types import FloatArray, MotionEstimate
 
 # Period of the messages [s].
 MESSAGE_PERIOD = 0.1
@@ -25,22 +27,13 @@ MESSAGE_PERIOD = 0.1
 # above the second, when the line is 0.2 m away: noise causes no pulse [m/s].
 MIN_TARGET_SPEED = 0.1
 MIN_START_SPEED = 0.3
-# Time without a pose after which the car stops [s].
-MAX_POSE_GAP = 0.5
-
-
-# Distance from its route at which a car stops [m]: the others count on its route.
-MAX_ROUTE_OFFSET = 0.3
-
-
-def is_located(motion: MotionEstimate) -> bool:
-    """Return whether a motion has a place in the room, by a fresh pose."""
-    return motion.tracking is Tracking.TRACKING and motion.frame != START_FRAME
-
 
 def describe_offset(offset: float) -> str:
-    """Return why a car with this distance to its route [m] must stop, or ""."""
-    return f"{abs(offset):.2f} m from its route" if abs(offset) > MAX_ROUTE_OFFSET else ""
+    """Return why a car with this distance to its route [m] must stop, or "".
+
+    The other cars count on its route.
+    """
+    return f"{abs(offset):.2f} m from its route" if abs(offset) > DEFAULT_HALF_WIDTH else ""
 
 
 class CrosserCommand(NamedTuple):

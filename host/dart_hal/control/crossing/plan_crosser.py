@@ -11,13 +11,9 @@ from math import inf
 
 import numpy as np
 
-from dart_hal.control.crossing.crosser import (
-    MAX_POSE_GAP,
-    CrosserCommand,
-    describe_offset,
-    is_located,
-)
+from dart_hal.control.crossing.crosser import CrosserCommand, describe_offset
 from dart_hal.control.crossing.layout import CrossingLayout
+from dart_hal.control.ending import MAX_POSE_GAP, is_located
 from dart_hal.control.plant import Plant
 from dart_hal.control.shared_plans.planner import PlanSharer
 from dart_hal.control.shared_plans.timed_plan import LEVEL_SPEED, MAX_LEVEL, TIME_STEP

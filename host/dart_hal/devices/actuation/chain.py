@@ -114,7 +114,7 @@ class Actuator:
                     self._sleep(REOPEN_INTERVAL)
             self._opened = True
         finally:
-            if not self._opened:  # nobody would end the neutral that was written
+            if not self._opened:  # the neutral that was written would stay
                 with suppress(BusError):
                     self.end_pulses()
         return self.applied

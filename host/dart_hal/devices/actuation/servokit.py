@@ -33,7 +33,7 @@ WAKE_TIME = 0.0005
 # s that ServoKit waits between waking the chip and RESTART.
 KIT_WAIT = 0.005
 
-# Attempts to lock the bus, 0.1 ms apart: 50 ms, longer than any transaction of this package, and
+# Attempts to lock the bus, each 0.1 ms: 50 ms, longer than any transaction of this package, and
 # than a display of 1 KB at 400 kHz, 23 ms. The guard trips after 100 ms.
 MAX_LOCK_ATTEMPTS = 500
 
