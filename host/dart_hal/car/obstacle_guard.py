@@ -162,8 +162,8 @@ def distance_to_contact(points: FloatArray, curvature: float, front: float, half
     inf off the path. The front is at ``front`` [m], ``half_width`` [m] to each side.
 
     In an arc of radius R a point at r from its centre, and at the angle phi ahead of the axle, is
-    at the front once r sin(angle) = front. The outer corner of the front has the largest distance from the
-    centre, the inner side the nearest.
+    at the front once r sin(angle) = front. The outer corner of the front has the largest distance
+    from the centre, the inner side the smallest.
     """
     x, y = points.T
     if abs(curvature) < MIN_CURVATURE:
