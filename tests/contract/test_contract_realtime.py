@@ -6,6 +6,7 @@ reported, never how fast: this machine does other things as well.
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -16,9 +17,10 @@ import time
 import pytest
 
 from dart_hal.core.errors import Disarmed, LinkLost, PortBusy, PortMissing
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.devices.actuation import guarded
 from tests.common import PROCESS_TIMEOUT_S
-from tests.contract.conftest import OFF
+from tests.contract.conftest import NEUTRAL_COUNTS, OFF
 
 pytestmark = pytest.mark.realtime
 
@@ -134,6 +136,37 @@ def test_link_lost_is_reported_and_neutral_and_does_not_hang(served_car, arm):
         with pytest.raises(Disarmed):
             car.drive(throttle=0.3)
         assert car.mode != "ARMED"
+
+
+def test_in_a_lasting_fault_driver_and_guard_both_write_no_pulse(served_car, arm):
+    """Reads fail and writes are taken: the guard, without a beat, writes the same chip."""
+    with served_car.open(raise_on_trip=False) as car:
+        arm(car)
+        for _ in car.states(duration=0.2, timeout=PROCESS_TIMEOUT_S):
+            car.drive(throttle=0.3, valid_for=0.5)
+        bus = car._engine.backend.bus
+        transfer = bus.transfer
+
+        def write_only(address, data, n_read):
+            if n_read:
+                raise OSError(errno.EIO, "interrupted")
+            return transfer(address, data, n_read)
+
+        assert driven(served_car), "negative control"
+        bus.transfer = write_only
+        assert wait_for(lambda: car._engine.driver.applied.throttle_us == 0.0)
+        time.sleep(2 * PWM_FRAME)       # both have written since
+        seen = set()
+        for _ in range(50):
+            seen.add(bool(served_car.counts()[1] & OFF))
+            time.sleep(0.5 * PWM_FRAME)
+        assert car.mode == "FAULT"
+        assert car._engine.driver._guard.tripped
+        assert seen == {True}, "neutral and no pulse alternate"
+        bus.transfer = transfer
+        assert wait_for(lambda: car.mode == "DISARMED")
+        assert wait_for(lambda: not car._engine.driver._guard.tripped)
+        assert wait_for(lambda: served_car.counts()[1] in NEUTRAL_COUNTS)
 
 
 @pytest.mark.slow

@@ -315,7 +315,7 @@ class Driver:
         3. Write the pulses that the new state allows.
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat; after a bus error none, so that the guard tries by its own
-           descriptor of the bus.
+           descriptor of the bus. Once it tries, tell it to end the pulses when the state does.
         """
         self._step_test(now)
         silent = self._test is not None and self._test.silent
@@ -327,10 +327,12 @@ class Driver:
         self.actuator.frame(now)
         if late := self.actuator.trips():
             self._step(now, list(late), ())
+        demanded = self.supervisor.output.throttle
         if self._guard is not None and self.actuator.fault is None:
-            demanded = self.supervisor.output.throttle
             self._guard.beat(at_neutral=demanded in ("neutral", "off"), off=demanded == "off")
             self._beat_at = now
+        elif self._guard is not None and self._guard.tripped and demanded == "off":
+            self._guard.beat(at_neutral=False, off=True)
         return self.applied
 
     def _step(self, now: float, causes: list[str], refused: tuple[str, ...]) -> None:

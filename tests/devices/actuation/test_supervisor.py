@@ -8,8 +8,11 @@ from dataclasses import replace
 import pytest
 
 from dart_hal.core.errors import NotArmed
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.devices.actuation import ArmState, Event, Facts, Supervisor, list_cautions, refusals
 from dart_hal.devices.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
+from dart_hal.devices.actuation.guard import GuardLogic
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.devices.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
 
 SLOT = 0.01
@@ -192,6 +195,26 @@ def test_a_lost_bus_is_a_fault_that_leads_back_to_disarmed() -> None:
     assert (s.state, s.beat) == (ArmState.FAULT, "STOP")
     s.step(t + SLOT, bus_ok=True)
     assert s.state is ArmState.DISARMED
+
+
+def test_a_lasting_fault_ends_the_pulses_when_the_guard_does() -> None:
+    """Driver and guard write the same pin by turns; one at neutral and one at none alternate."""
+    s, t = supervisor_in(ArmState.ARMED)
+    guard = GuardLogic()
+    guard.note_bytes(b"b", t)
+    guard_writes = 0
+    fault_at = t + PWM_FRAME
+    while guard_writes < 2 * NEUTRAL_FRAMES:
+        t += PWM_FRAME
+        s.step(t, bus_ok=False, causes=("PCA_WRITE_FAILED",))
+        if guard.due(t):
+            off = s.output.throttle == "off"
+            assert off == guard.switches_off, f"{t - fault_at:.2f} s after the fault"
+            guard.note_write(True)
+            guard_writes += 1
+    assert guard.switches_off
+    s.step(t + SLOT, bus_ok=True)
+    assert (s.state, s.output.throttle) == (ArmState.DISARMED, "neutral")
 
 
 def test_a_reboot_of_the_nano_disarms() -> None:

@@ -10,7 +10,10 @@ import math
 from collections import deque
 from collections.abc import Collection
 
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.devices.actuation.arming import MIN_GOOD_TIME, not_armed_error
+from dart_hal.devices.actuation.guard import BEAT_TIMEOUT
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.devices.actuation.plan import OFF_DEMAND, PinDemand
 from dart_hal.devices.actuation.states import ENTRY, TABLE, ArmState, Event
 
@@ -23,6 +26,9 @@ TRIP_WINDOW = 60.0
 RAW_IDLE_TIMEOUT = 10.0
 # s for which LOCKED holds the steering angle before it centres the steering.
 STEERING_HOLD_TIME = 1.0
+# s in FAULT after which the pulses end, when the guard ends them too. Its last heartbeat came one
+# frame before FAULT. It waits BEAT_TIMEOUT, then writes NEUTRAL_FRAMES of neutral.
+FAULT_NEUTRAL_TIME = BEAT_TIMEOUT + (NEUTRAL_FRAMES - 1) * PWM_FRAME
 # s, in addition to the ESC's neutral time, that ARMING waits for transient refusals to end.
 ARMING_MARGIN = 1.5
 # Refusals that end without the user. IMU_STALE is one of them: the offsets of a calibrated BNO055
@@ -78,7 +84,8 @@ class Supervisor:
     def output(self) -> PinDemand:
         """The demand on the pins now."""
         entry = ENTRY[self.state].output
-        if (self.silent or self._held_off) and entry.throttle != "untouched":
+        faulty = self.state is ArmState.FAULT and self._now - self.since >= FAULT_NEUTRAL_TIME
+        if (self.silent or self._held_off or faulty) and entry.throttle != "untouched":
             return OFF_DEMAND
         steering = entry.steering
         if self.state is ArmState.LOCKED and self._now - self.since >= STEERING_HOLD_TIME:
