@@ -225,21 +225,45 @@ def test_messages_without_definition_are_refused_with_a_remedy(tmp_path):
     assert "definitions" in error.value.likely
 
 
-def test_json_channels_of_an_mcap_file_are_read(log, tmp_path):
+def write_json(path, channels):
+    """Write an MCAP file of (topic, [(time [s], object)]) per channel."""
     from mcap.writer import Writer
 
-    path = tmp_path / "run.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        channel = writer.register_channel("/log", "json", 0)
-        for k in range(50):
-            row = {"t": log["t"][k], "car": {"v": [log["speed"][k], 0.0], "name": "red"}}
-            writer.add_message(channel, k, json.dumps(row).encode(), k)
+        for topic, rows in channels:
+            channel = writer.register_channel(topic, "json", 0, metadata={"from": str(len(rows))})
+            for t, row in rows:
+                writer.add_message(channel, round(1e9 * t), json.dumps(row).encode(), 0)
         writer.finish()
-    (table,) = read_tables([path])
+    return path
+
+
+def test_json_channels_of_an_mcap_file_are_read(log, tmp_path):
+    rows = [(t, {"t": t, "car": {"v": [v, 0.0], "name": "red"}})
+            for t, v in zip(log["t"][:50], log["speed"][:50], strict=True)]
+    (table,) = read_tables([write_json(tmp_path / "run.mcap", [("/log", rows)])])
     assert table.columns["car.v[0]"] == pytest.approx(log["speed"][:50])
     assert "car.name" not in table.columns
+
+
+def test_a_key_that_the_first_object_has_not_is_read(tmp_path):
+    rows = [(0.0, {"t": 0.0}), (1.0, {"t": 1.0, "v": 2.0}), (2.0, {"t": 2.0, "v": 3.0})]
+    (table,) = read_tables([write_json(tmp_path / "run.mcap", [("/log", rows)])])
+    assert table.columns["v"] == pytest.approx([float("nan"), 2.0, 3.0], nan_ok=True)
+
+
+@pytest.mark.parametrize(("offset", "names"), [
+    (0.5, {"/pose#1": [1.0, 1.0], "/pose#2": [2.0, 2.0, 2.0]}),
+    (9.0, {"/pose": [1.0, 1.0, 2.0, 2.0, 2.0]})])
+def test_two_publishers_of_a_topic_are_two_cars_unless_one_follows_the_other(
+        tmp_path, offset, names):
+    """Two cars that send their pose on one topic would be one car that leaps to and fro."""
+    first = [(t, {"x": 1.0}) for t in (0.0, 1.0)]
+    second = [(t + offset, {"x": 2.0}) for t in (0.0, 1.0, 2.0)]
+    file = write_json(tmp_path / "run.mcap", [("/pose", second), ("/pose", first)])
+    assert {table.name: list(table.columns["x"]) for table in read_tables([file])} == names
 
 
 def test_a_data_frame_is_imported(log):

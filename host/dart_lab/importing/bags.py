@@ -6,6 +6,7 @@ import hashlib
 import json
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,8 @@ DEFINITIONS = {
     "vesc_msgs/msg/VescStateStamped": "std_msgs/Header header\nvesc_msgs/VescState state\n",
 }
 
-Rows = dict[str, list[tuple[float, Any]]]
+# (arrival [s], message) by topic and number of the connection, of which a publisher has one.
+Rows = dict[tuple[str, int], list[tuple[float, Any]]]
 # What readers raise for damaged or unusual files, besides errors of their own.
 DAMAGE = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
           TypeError, ValueError, struct.error)
@@ -47,14 +49,15 @@ def read_bag(path: Path) -> list[Table]:
 
     Columns are the numbers of a message by their path, as "pose.pose.position.x"; "stamp" [s] is
     that of the header, "arrival" [s] that of the recorder. A quaternion "pose.orientation" gives
-    the column "pose.orientation.yaw" [rad] as well.
+    the column "pose.orientation.yaw" [rad] as well. Publishers that send on one topic at the same
+    time give a table each: "topic#1", "topic#2".
 
     Raises RecordingError for a bag that cannot be read, UsageError without rosbags.
     """
     rows = _read_mcap(path) if path.suffix == ".mcap" else _read_rosbag(path)
     digest = _digest(path)
     tables = [_make_table(topic, messages, (str(path), digest))
-              for topic, messages in rows.items() if messages]
+              for topic, messages in _join_publishers(rows).items()]
     if not tables:
         raise RecordingError(f"{path}: no message in this bag", found="0 messages",
                              expected="topics with poses, commands or sensors", read=str(path),
@@ -68,6 +71,24 @@ def _digest(path: Path) -> str:
     for file in files:
         found.update(file.read_bytes())
     return found.hexdigest()
+
+
+def _join_publishers(rows: Rows) -> dict[str, list[tuple[float, Any]]]:
+    """Return the messages by topic; of publishers at the same time, by "topic#1", "topic#2".
+
+    One that follows another is the same node after a restart.
+    """
+    by_topic: dict[str, list[list[tuple[float, Any]]]] = {}
+    for (topic, _), messages in rows.items():
+        by_topic.setdefault(topic, []).append(messages)
+    joined = {}
+    for topic, parts in by_topic.items():
+        parts.sort(key=lambda part: part[0][0])
+        if any(part[-1][0] > following[0][0] for part, following in pairwise(parts)):
+            joined.update({f"{topic}#{k}": part for k, part in enumerate(parts, 1)})
+        else:
+            joined[topic] = [message for part in parts for message in part]
+    return joined
 
 
 def _store() -> Any:
@@ -97,7 +118,7 @@ def _read_rosbag(path: Path) -> Rows:
     try:
         with AnyReader([folder], default_typestore=store) as reader:
             for connection, ns, raw in reader.messages():
-                kept = rows.setdefault(connection.topic, [])
+                kept = rows.setdefault((connection.topic, connection.id), [])
                 kept.append((1e-9 * ns, reader.deserialize(raw, connection.msgtype)))
     except (AnyReaderError, ReaderError, SerdeError, TypesysError, *DAMAGE) as why:
         raise _unreadable(path, why) from why
@@ -120,7 +141,7 @@ def _read_mcap(path: Path) -> Rows:
                     decoders[channel.id] = _make_decoder(schema, channel)
                 decode = decoders[channel.id]
                 if decode is not None:
-                    kept = rows.setdefault(channel.topic, [])
+                    kept = rows.setdefault((channel.topic, channel.id), [])
                     kept.append((1e-9 * message.log_time, decode(message.data)))
     except (McapError, SerdeError, TypesysError, *DAMAGE) as why:
         raise _unreadable(path, why) from why
@@ -158,8 +179,10 @@ def _unreadable(path: Path, why: Exception) -> RecordingError:
 
 def _make_table(topic: str, messages: list[tuple[float, Any]], source: tuple[str, str]) -> Table:
     """Return a table of all numbers of the messages of a topic."""
-    # The paths of the first message hold for all: a type has fixed fields but for its lists.
-    paths = dict(_find_numbers(messages[0][1], ""))
+    # A type has fixed fields but for its lists: its first message has all. A JSON object has not.
+    objects = [message for _, message in messages if isinstance(message, Mapping)]
+    paths = {path: read for message in objects or [messages[0][1]]
+             for path, read in _find_numbers(message, "")}
     columns: dict[str, FloatArray] = {"arrival": np.array([t for t, _ in messages])}
     for name, read in paths.items():
         columns[name] = np.array([_read_number(read, message) for _, message in messages])
