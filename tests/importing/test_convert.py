@@ -56,6 +56,23 @@ def test_decimal_commas_and_empty_cells_are_read(tmp_path):
     assert table.text_columns["note"] == (2, "start")
 
 
+@pytest.mark.parametrize("separator", [";", " ", "\t"])
+def test_decimal_commas_are_read_without_a_header(tmp_path, separator):
+    """The comma divides every line as well, even into more cells."""
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{separator.join(['0,5', f'{k},25', '7,0'])}\n" for k in range(3)))
+    (table,) = read_tables([path])
+    assert {name: list(column) for name, column in table.columns.items()} == {
+        "1": [0.5, 0.5, 0.5], "2": [0.25, 1.25, 2.25], "3": [7.0, 7.0, 7.0]}
+
+
+def test_a_degree_sign_of_windows_is_read(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes("t,yaw [°]\n0.0,1.5\n0.1,1.6\n".encode("cp1252"))
+    (table,) = read_tables([path])
+    assert table.columns["yaw [°]"] == pytest.approx([1.5, 1.6])
+
+
 def test_units_signs_scales_and_zeros_are_applied(log):
     text = """
         schema = "dart-hal/import/1"

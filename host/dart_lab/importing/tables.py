@@ -133,16 +133,20 @@ def _check_names(names: Sequence[str], path: Path) -> None:
 
 
 def _find_delimiter(lines: Sequence[str]) -> str:
-    """Return the separator that divides all lines into the same number of cells, most cells first.
-    """
-    def count_cells(delimiter: str) -> int:
-        counts = {len(_split(line, delimiter)) for line in lines if line.strip()}
-        return counts.pop() if len(counts) == 1 else 0
+    """Return the separator that divides all lines into the same number of cells.
 
-    # A separator that occurs within cells, such as a decimal comma, gives lines of different
-    # length.
-    best = max(DELIMITERS, key=count_cells)
-    if count_cells(best) > 1:
+    Of several, that with the most numbers, then the most cells: a decimal comma divides as well.
+    """
+    def rate_cells(delimiter: str) -> tuple[float, int]:
+        rows = [_split(line, delimiter) for line in lines if line.strip()]
+        if len({len(row) for row in rows}) != 1 or len(rows[0]) == 1:
+            return 0.0, 0
+        cells = [cell for row in rows[1:] or rows for cell in row]
+        numbers = sum(_number(cell, delimiter) is not None for cell in cells)
+        return numbers / len(cells), len(rows[0])
+
+    best = max(DELIMITERS, key=rate_cells)
+    if rate_cells(best)[1]:
         return best
     # Lines of different length: the separator that occurs most.
     return max(DELIMITERS, key=lambda d: sum(line.count(d) for line in lines))

@@ -58,9 +58,15 @@ def read_content(path: Path) -> bytes:
 
 
 def decode_content(raw: bytes, file: str) -> str:
-    """Decode the text of a file. Errors: RecordingError for a binary one."""
+    """Decode the text of a file: Unicode, else the Windows encoding of western Europe.
+
+    Errors: RecordingError for a binary one.
+    """
     try:
-        text = decode_text(raw)
+        try:
+            text = decode_text(raw)
+        except UnicodeDecodeError:
+            text = raw.decode("cp1252")
         if "\x00" in text[:65536]:
             raise ValueError("NUL byte")
     except ValueError as err:
