@@ -75,6 +75,17 @@ def test_false_lock_is_detected_against_the_encoder(write, table_b):
     assert not has_note(read(write(locked, "standing.csv")), "false lock")
 
 
+def test_a_pause_of_the_recording_is_no_false_lock(write, table_b):
+    """The last speed of the encoder holds in it, and the pose hardly moves between its ends."""
+    table = table_b()
+    for name in table:
+        if "time" in name:
+            table[name][300:] += 10.0
+    recording = read(write(table))
+    assert grid(recording, SEP_24).t[-1] > 15.0, "the pause is in the recording"
+    assert not has_note(recording, "false lock")
+
+
 def test_outlier_is_marked_and_does_not_turn_the_yaw(write, table_b):
     table = table_b(speed=1.0)
     table["vicon yaw"][300:302] += 3.5  # beyond pi: a plain unwrap keeps a turn of 2 pi

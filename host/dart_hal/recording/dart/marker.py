@@ -132,18 +132,19 @@ def marker_grid(recording: Recording, *, turning: bool = False) -> MarkerGrid:
     arrived = np.searchsorted(messages.arrival, t + ARRIVAL_TOLERANCE, side="right") - 1
     last = np.maximum(arrived, 0)
     encoder = messages.speed[last]
+    stale = (arrived < 0) | (t - messages.arrival[last] > MAX_MESSAGE_GAP + ARRIVAL_TOLERANCE)
+    unmeasured = stale | _in_gap(t, mocap.t)
     lock = np.zeros(len(t), dtype=bool)
     if recording.schema != "C":
         speed = recording.scale.speed
-        lock = _false_lock(np.hypot(dx, dy) / speed, encoder / speed)
-    stale = (arrived < 0) | (t - messages.arrival[last] > MAX_MESSAGE_GAP + ARRIVAL_TOLERANCE)
+        lock = _false_lock(np.hypot(dx, dy) / speed, encoder / speed, ~unmeasured)
     # The published evaluation of schema C has a longer limit and drops only the sample before.
     if recording.schema == "C":
         jumps = np.append(_jumps(x, y, yaw, POSITION_STEP_C), False)
     else:
         steps = _jumps(x, y, yaw, POSITION_STEP)
         jumps = np.append(steps, False) | np.append(False, steps)
-    bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps) | (span_index(recording.spans, t) < 0)
+    bad = _widen(lock | unmeasured | jumps) | (span_index(recording.spans, t) < 0)
     throttle = messages.throttle[last]
     steering = messages.steering[last]
     if recording.commands is not None:
@@ -177,9 +178,12 @@ def _in_gap(t: FloatArray, stamp: FloatArray) -> BoolArray:
     return np.asarray(stamp[after] - stamp[after - 1] > longest_step(stamp))
 
 
-def _false_lock(speed: FloatArray, encoder: FloatArray) -> BoolArray:
-    """Mark the samples (n,) of a false lock; speeds [m/s] of a car of 1:10."""
+def _false_lock(speed: FloatArray, encoder: FloatArray, measured: BoolArray) -> BoolArray:
+    """Mark the samples (n,) of a false lock; speeds [m/s] of a car of 1:10.
+
+    In a pause of the recording (not ``measured``) the last encoder speed holds, and is no evidence.
+    """
     with np.errstate(invalid="ignore"):
-        locked = (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
+        locked = measured & (speed < LOCK_SPEED) & (encoder > LOCK_ENCODER)
     count = np.convolve(locked, np.ones(LOCK_SPAN), mode="same")
     return np.asarray(count > LOCK_MIN)
