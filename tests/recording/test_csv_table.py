@@ -82,3 +82,13 @@ def test_the_reader_of_the_dart_recordings_takes_the_ten_columns(tmp_path, state
     assert len(messages) == 50
     assert messages.speed[7] == pytest.approx(1.0)
     assert messages.steering[7] == pytest.approx(0.1)
+
+
+def test_a_state_without_a_sample_of_the_imu_holds_the_last_one(tmp_path, state):
+    """0 rad/s in the middle of a bend would be a measurement that nobody made."""
+    path = tmp_path / "run.dart.csv"
+    with DartCsvWriter(path) as writer:
+        for k, rate in enumerate((None, 0.7, None, 0.9)):
+            writer.state(state(k, yaw_rate=rate))
+    with path.open(newline="") as file:
+        assert [float(row["W (IMU)"]) for row in csv.DictReader(file)] == [0.0, 0.7, 0.7, 0.9]

@@ -101,18 +101,21 @@ def _steering_command(s: State) -> float:
 class DartCsvWriter(_CsvWriter):
     """The ten columns of the DART recordings (schema A), one row per State.
 
-    The accelerations lack gravity, unlike theirs. ``safety_value`` is 1 while
-    the car is armed.
+    The accelerations lack gravity, unlike theirs. ``safety_value`` is 1 while the car is armed.
+    A State without a sample of the IMU gets the last one, as in theirs; zeros: it has no IMU.
     """
 
     columns = DART_COLUMNS
     newline = "\r\n"
+    _imu: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def state(self, s: State) -> None:
         """Write the row of a State."""
+        self._imu = tuple(held if value is None else value for held, value in zip(
+            self._imu, (s.accel_x, s.accel_y, s.yaw_rate), strict=True))
         gate = 0.0 if "NOT_ARMED" in map(str, s.applied.limited) else 1.0
-        self._write_row((s.t, 0.0, 0.0, s.accel_x or 0.0, s.accel_y or 0.0, s.yaw_rate or 0.0,
-                         abs(s.speed), gate, s.applied.throttle, _steering_command(s)))
+        self._write_row((s.t, 0.0, 0.0, *self._imu, abs(s.speed), gate, s.applied.throttle,
+                         _steering_command(s)))
 
 
 def _format_cell(value: object) -> str:
