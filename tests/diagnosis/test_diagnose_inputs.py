@@ -6,16 +6,20 @@ import re
 import shutil
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
+from dart_hal.core.config import Quantity, plain
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.recording.dart import BatteryVoltage
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.file import model_of
 from dart_lab.diagnosis.agreement import check_model, check_units, ratio, slope
 from dart_lab.diagnosis.inputs import check_inputs, select_effects, warn_fitted_before
 from dart_lab.diagnosis.motion import driving_seconds
+from dart_lab.diagnosis.run import diagnose
 from dart_lab.diagnosis.split import GUARD_S
 from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.evidence.drive import prepare_drive
@@ -254,6 +258,24 @@ def test_without_test_recordings_stretches_are_held_out(drive):
 def test_a_model_fitted_to_the_test_recordings_is_reported(drive):
     assert "fitted to 1 of the test recordings" in warn_fitted_before([drive], {drive.sha256})[0]
     assert warn_fitted_before([drive], {"0" * 64}) == []
+
+
+@pytest.mark.slow
+def test_errors_from_the_training_recordings_are_no_prior(drive):
+    """As a prior they would count these recordings twice: the refit would state smaller errors."""
+    base = model_of(PAPER)
+    model = msgspec.structs.replace(base, **{section: {
+        key: Quantity(plain(entry), 0.02 * abs(plain(entry)) + 1e-4)
+        for key, entry in getattr(base, section).items()}
+        for section in ("friction", "motor", "steering", "tyres")})
+    seen = msgspec.structs.replace(model, provenance={"files": {"drive": drive.sha256}})
+    inputs = check_inputs([drive], [], PAPER)
+    once, again = (diagnose(file, PAPER, inputs.train, inputs.test, only=("grip",))
+                   for file in (model, seen))
+    assert ["count twice" in " ".join(d.notes) for d in (once, again)] == [False, True]
+    assert again.refitted.keys() == once.refitted.keys()
+    assert np.median([once.refitted[name].std / again.refitted[name].std
+                      for name in once.refitted]) < 0.9, "negative control: as a prior they count"
 
 
 def test_effects_are_named_as_in_the_catalogue():

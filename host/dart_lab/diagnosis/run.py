@@ -28,6 +28,7 @@ from dart_lab.identification.evidence.drive import (
 from dart_lab.identification.evidence.policy import EvidencePolicy
 from dart_lab.identification.evidence.residuals import Evidence
 from dart_lab.identification.shooting.fit import FREE, TYRE_SHAPE_NAMES, free_names
+from dart_lab.identification.write import was_fitted_to
 
 from .conclude import conclude
 from .frames import find_frame_errors, free_frame
@@ -46,6 +47,8 @@ from .write import DIAGNOSED
 
 # s of recordings, from which on windows do not overlap: cost
 MAX_OVERLAPPED_S = 300.0
+AGAIN_NOTE = ("the model was fitted to some of the training recordings: its standard errors are no "
+              "prior, because the data would count twice")
 # Effects that change a size of the body, by the name of the size.
 SAME_AS_SIZE = {"body.mass": "mass", "body.yaw_inertia": "yaw_inertia",
                 "body.l_f": "centre_of_mass", "body.l_r": "centre_of_mass"}
@@ -71,9 +74,10 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     model, vehicle: as ``find_model`` gives them. train, test: as
     ``inputs.check_inputs`` gives them: all with motion capture, or all without.
     refit: estimate the parameters of the model before the search for effects, from their values in
-    the file and within 3.5 of the standard errors there, and the sizes of the car that have a
-    standard error in car.toml. Without it they keep their values, and an effect is accepted only
-    beyond what the errors explain that a diagnosis has stated for them together. only: effects that
+    the file and within 3.5 of the standard errors there, unless these come from the same
+    recordings, and the sizes of the car that have a standard error in car.toml. Without it they
+    keep their values, and an effect is accepted only beyond what the errors explain that a
+    diagnosis has stated for them together. only: effects that
     may be accepted; () = all.
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
@@ -92,14 +96,16 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          remedy="leave out --no-refit, or leave out --out-predictor")
     policy = policy.at_scale(find_scale(vehicle.body))
     l_r = apply_parameter_effects(vehicle).body.l_r
-    known = standard_errors(model) if refit else {}
+    stated = standard_errors(model) if refit else {}
+    again = was_fitted_to(model, train)
+    known = {} if again else stated
     sizes, only = select_free_sizes(list_stated_errors(model) if refit else {}, only)
     files: dict[str, dict[str, Any]] = {}
     sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)
             for role, recordings in (("train", train), ("test", test))]
     if predictor:
         check_recordings(sets[0])
-    free = _select_free_parameters(vehicle, known, sets[0].evidence.has_mocap) if refit else ()
+    free = _select_free_parameters(vehicle, stated, sets[0].evidence.has_mocap) if refit else ()
     free += tuple(sizes)
     vehicle = set_motor_voltage(vehicle, train)
     frame = find_frame_errors([d.recording for part in sets for d in part.evidence.drives])
@@ -108,7 +114,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     settings = Settings(free=free, known=known, unbounded=tuple(sizes), names=tuple(only),
                         false_alarm=false_alarm, max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit,
-                        joint=model.covariance.get("joint") if refit else None,
+                        joint=model.covariance.get("joint") if refit and not again else None,
                         stated={} if refit else _select_stated(vehicle, model),
                         stated_together=model.covariance.get(DIAGNOSED))
 
@@ -129,6 +135,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     setup = DiagnosisSetup(model.name, vehicle, sets[0], sets[1], settings, refit, search,
                            predictor, tuple(frame))
     d = conclude(setup, found, files, began)
+    if refit and stated and again:
+        d = replace(d, notes=(*d.notes, AGAIN_NOTE))
     if any(cause.effect == FADE for cause in d.causes):
         d = replace(d, notes=(*d.notes, describe_fade_law(d.extended)))
     return _add_paths(d, setup, found)

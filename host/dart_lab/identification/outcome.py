@@ -23,7 +23,13 @@ from dart_lab.identification.drive_form import with_drive_of
 from dart_lab.identification.fit import FittedParameter, SubmodelFit
 from dart_lab.identification.mass import average_mass, note_unweighed, replace_mass
 from dart_lab.identification.report import FileReport, Published
-from dart_lab.identification.write import SECTIONS, Source, round_covariance, why_unsound
+from dart_lab.identification.write import (
+    SECTIONS,
+    Source,
+    round_covariance,
+    was_fitted_to,
+    why_unsound,
+)
 from dart_lab.report.numbers import with_error
 
 Progress = Callable[[float, str], None]
@@ -75,21 +81,7 @@ class Identification:
                  for name, e in self.nuisance.items()}
         if self.mass is not None:
             found["body.mass"] = Quantity(self.mass.value, self.mass.std)
-
-        def insert(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
-            return {**table, **{name.partition(".")[2]: q for name, q in found.items()
-                                if name.startswith(f"{section}.")}}
-
-        added = map(EffectEntry, list_added_effects(base, found))
-        effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
-                        for e in (*base.effects, *added))
-        body = insert("body", base.body)
-        # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
-        moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
-        lengths = close_lengths({key: plain(base.body[key]) for key in LENGTHS}, moved) if (
-            moved) else {}
-        body |= {key: length for key, length in lengths.items() if key not in moved}
-        return msgspec.structs.replace(base, body=body, effects=effects)
+        return _insert_quantities(base, found)
 
     def to_json(self) -> dict[str, Any]:
         """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
@@ -108,6 +100,24 @@ class Identification:
         out["derived"] = {key: {"value": e.value, "std": e.std, "unit": e.unit}
                           for key, e in self.derived.get(name, {}).items()}
         return out
+
+
+def _insert_quantities(base: ModelFile, found: Mapping[str, Quantity]) -> ModelFile:
+    """Return the base with these sizes and parameters of effects, by full name."""
+    def insert(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        return {**table, **{name.partition(".")[2]: q for name, q in found.items()
+                            if name.startswith(f"{section}.")}}
+
+    added = map(EffectEntry, list_added_effects(base, found))
+    effects = tuple(msgspec.structs.replace(e, parameters=insert(e.name, e.parameters))
+                    for e in (*base.effects, *added))
+    body = insert("body", base.body)
+    # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
+    moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
+    lengths = close_lengths({key: plain(base.body[key]) for key in LENGTHS}, moved) if (
+        moved) else {}
+    body |= {key: length for key, length in lengths.items() if key not in moved}
+    return msgspec.structs.replace(base, body=body, effects=effects)
 
 
 def base_values(base: Vehicle, fit: SubmodelFit) -> Published:
@@ -160,18 +170,21 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
     """Fit all sub-models together to rollouts, from the recordings with motion capture.
 
     recordings, skipped: as ``read_any`` gives them. The standard errors of the base are its
-    prior, unless it was identified from some of these recordings. A base of duty
+    prior; of a base that was identified from some of these recordings, those before. A base of duty
     gets a speed loop where the recordings have speed commands. Raises RecordingError if no
     recording can be predicted, UsageError for a motor of another form than the recordings.
     """
     from dart_lab.identification.shooting import fit_from_recordings
 
+    if was_fitted_to(base, recordings):
+        base = _restore_prior(base)
     mass = average_mass(recordings)
     if mass is not None:
-        base = _with_body(base, {"mass": mass})
+        base = _insert_quantities(base, {"body.mass": Quantity(mass.value, mass.std)})
     base = with_drive_of(base, recordings, names)
+    known = _prior_errors(base)
     made, grids, unused = fit_from_recordings(recordings, vehicle_of(base), names, reference,
-                                              progress, _prior_errors(base, recordings))
+                                              progress, known)
     used = {str(r.path): (r, g) for r, g in grids}
     files: dict[str, FileReport] = {}
     for r in recordings:
@@ -183,10 +196,13 @@ def identify_jointly(recordings: list[Recording], skipped: Skipped, names: Seque
     files |= {file: FileReport(0, 0, (f"skipped: {reason}",)) for file, reason in skipped}
     points = {file: (g.reference.lx, g.reference.theta, g.reference.ly)
               for file, (_, g) in used.items()}
+    start = vehicle_of(base)
     source = Source({f: r.sha256 for f, r in files.items() if r.used}, command, points,
                     "one fit of all sub-models by multiple shooting, errors over blocks",
-                    find_mean_voltage([r for r, _ in grids]))
-    start = vehicle_of(base)
+                    find_mean_voltage([r for r, _ in grids]),
+                    {name: (float(flat_value(start, name)),
+                            *([known[name]] if name in known else []))
+                     for name in (*made.names, *made.nuisance) if name in flat_names(start)})
     published = {name: base_values(start, fit) for name, fit in made.fits.items()}
     fits = made.fits
     if sizes := describe_moved_sizes(base, made.nuisance):
@@ -237,19 +253,39 @@ def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:
     return base if all(r.published for r in recordings) else "base"
 
 
-def _prior_errors(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
+def _restore_prior(base: ModelFile) -> ModelFile:
+    """Return the base as it was before its joint fit; without errors where that is unknown."""
+    from dart_lab.identification.shooting.fit import BACK_EMF, BACK_EMF_NAME
+
+    prior = base.provenance.get("prior", {})
+    stated = list_stated_errors(base)
+
+    def restore(section: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: entry if f"{section}.{key}" in stated else plain(entry)
+                for key, entry in table.items()}
+
+    tables = {section: restore(section, getattr(base, section)) for section in (*SECTIONS, "body")}
+    effects = tuple(msgspec.structs.replace(e, parameters=restore(e.name, e.parameters))
+                    for e in base.effects
+                    if e.name != BACK_EMF or not prior or BACK_EMF_NAME in prior)
+    for name, pair in prior.items():
+        section, _, key = name.partition(".")
+        if section in SECTIONS and key in tables[section]:
+            tables[section][key] = Quantity(*pair) if len(pair) > 1 else pair[0]
+    others = {name: Quantity(pair[0], pair[1], CAR_FILE if name in stated else None)
+              for name, pair in prior.items() if name.partition(".")[0] not in SECTIONS}
+    return _insert_quantities(msgspec.structs.replace(base, effects=effects, **tables), others)
+
+
+def _prior_errors(base: ModelFile) -> dict[str, float]:
     """Return the standard errors of the base by name, as a prior.
 
-    Sections that were identified from these recordings have none: the data would count twice. A
-    mass or an inertia without an error has that of ``BODY_STD``. Lengths have the errors of
+    A mass or an inertia without an error has that of ``BODY_STD``. Lengths have the errors of
     car.toml.
     """
-    known_hashes = set(base.provenance.get("files", {}).values())
-    again = bool(known_hashes & {r.sha256 for r in recordings})
     tables: dict[str, Mapping[str, Any]] = {effect.name: effect.parameters
                                             for effect in base.effects}
-    if not again:
-        tables |= {section: getattr(base, section) for section in SECTIONS}
+    tables |= {section: getattr(base, section) for section in SECTIONS}
     known = {f"{section}.{key}": entry.std for section, table in tables.items()
              for key, entry in table.items() if isinstance(entry, Quantity)}
     vehicle = vehicle_of(base)
@@ -258,12 +294,6 @@ def _prior_errors(base: ModelFile, recordings: Sequence[Recording]) -> dict[str,
         known[f"body.{key}"] = (entry.std if isinstance(entry, Quantity)
                                 else share * float(flat_value(vehicle, f"body.{key}")))
     return known | list_stated_errors(base)
-
-
-def _with_body(base: ModelFile, values: Mapping[str, FittedParameter]) -> ModelFile:
-    """Insert values of the body with their standard errors into the base."""
-    changed = {key: Quantity(e.value, e.std) for key, e in values.items()}
-    return msgspec.structs.replace(base, body={**base.body, **changed})
 
 
 def identify_per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence[str],

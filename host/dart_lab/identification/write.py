@@ -6,8 +6,8 @@ A fit that did not converge, or stopped at a bound, never replaces a value.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from dart_hal.core.config import ModelFile, Quantity, save_model
 from dart_hal.core.config.model import MODEL_PARAMETERS, Covariance, Parameter
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
 from dart_lab.identification.battery import FADE
 from dart_lab.identification.fit import SubmodelFit
@@ -33,8 +34,9 @@ class Source:
 
     sha256: of every file used; reference: (L_x [m], theta [rad], L_y [m]) of the mocap marker by
     file; command: as typed; method: of the fits; motor_voltage [V]: of the battery in the files,
-    None if it is not measured in all. Sections of the base that are not replaced keep
-    their entry, and the hashes of their files.
+    None if it is not measured in all; prior: (value, standard error if any) of what a joint fit has
+    fitted, in the base. Sections of the base that are not replaced keep their entry, and the hashes
+    of their files.
     """
 
     sha256: Mapping[str, str]
@@ -42,6 +44,7 @@ class Source:
     reference: Mapping[str, tuple[float, float, float]] | None = None
     method: str = "per recording"
     motor_voltage: float | None = None
+    prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def table(self, base: ModelFile, written: Sequence[str]) -> dict[str, Any]:
         """Return the section "provenance"."""
@@ -54,6 +57,8 @@ class Source:
             "files": {**kept, **self.sha256}, "sections": sections}
         if "sizes" in before:
             table["sizes"] = before["sizes"]
+        if self.prior:
+            table["prior"] = {name: list(pair) for name, pair in self.prior.items()}
         if self.reference:
             table["reference"] = {file: list(point) for file, point in self.reference.items()}
         return table
@@ -69,6 +74,15 @@ class WrittenModel:
     model: ModelFile | None
     sections: tuple[str, ...]
     left_out: Mapping[str, str]
+
+
+def was_fitted_to(model: ModelFile, recordings: Iterable[Recording]) -> bool:
+    """Return whether a model was fitted to any of these recordings.
+
+    Its standard errors are then no prior of another fit to them: the data would count twice.
+    """
+    known = set(model.provenance.get("files", {}).values())
+    return any(r.sha256 in known for r in recordings)
 
 
 def why_unsound(fit: SubmodelFit) -> str:
