@@ -13,15 +13,18 @@ import pytest
 
 from dart_hal.core.config import Quantity, save_model
 from dart_hal.core.config.model import Covariance
+from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis import conclude, diagnose
 from dart_lab.diagnosis.conclude import KEPT_PARAMETERS
 from dart_lab.diagnosis.parameters.claims import _exceeds_stated_error, release_prior
 from dart_lab.diagnosis.parameters.sets import GroupFits
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.write import DIAGNOSED, extended_model
 from dart_lab.identification.evidence.space import Space
+from studies.diagnosis import hidden_drive
+from studies.identification.coverage import FAST, FRAME, draw_car
 from tests.diagnosis.searched import drive
 
 TIMING_PARAMETERS = ("delay.steering_s", "delay.steering_lag_s")
@@ -162,3 +165,24 @@ def test_a_diagnosed_model_states_what_its_data_determine_together(tmp_path):
                         only=("motor_gain", "rolling_resistance")).causes
     gain = cause.parameters["k"]
     assert abs(gain.value + 0.1) < 2.0 * gain.std < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [30, 37])
+def test_errors_of_a_tyre_include_its_unknown_shape(tmp_path, monkeypatch, seed):
+    """The refit keeps C and E of the model. The car has others, and so another peak force."""
+    car = draw_car(np.random.default_rng(seed))
+    plan = hidden_drive.Plan(seconds=60.0, fast=FAST)
+    train, test = ([read(hidden_drive.write(tmp_path / f"{k}.csv", car, 1000 * seed + k, plan))]
+                   for k in range(2))
+    file, vehicle = find_model("paper")
+
+    def measure_error() -> float:
+        """Return the error of the peak force, in the standard errors that are stated."""
+        d = diagnose(file, vehicle, train, test, only=("gyro_scale",), reference=FRAME)
+        peak = d.refitted["tyres.front_D"]
+        return abs(peak.after - car.tyres.front_D) / peak.std
+
+    assert measure_error() < 2.0
+    monkeypatch.setattr(conclude, "include_tyre_shape", lambda final, search, evidence: final)
+    assert measure_error() > 4.0, "the control"

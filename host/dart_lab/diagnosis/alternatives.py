@@ -20,8 +20,10 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.flat import names as flat_names
 from dart_lab.identification.evidence.residuals import Evidence, affects_readings_only
-from dart_lab.identification.objective import Point
+from dart_lab.identification.objective import Point, refit
+from dart_lab.identification.shooting.fit import TYRE_SHAPE_NAMES
 
 from .final_fit import FinalFit
 from .policy import ScanPolicy
@@ -96,6 +98,33 @@ def include_sizes(final: FinalFit, evidence: Evidence, known: Mapping[str, float
     weighted = point.jacobian * point.irls_weight[:, None]
     moves = np.linalg.solve(point.normal, weighted.T @ np.stack(columns, axis=1))
     covariance = final.covariance + moves @ moves.T
+    stds = point.space.standard_errors(point.x, covariance)
+    return replace(final, covariance=covariance, stds={**final.stds, **stds})
+
+
+def include_tyre_shape(final: FinalFit, search: ForwardSearch, evidence: Evidence) -> FinalFit:
+    """Return the fit with standard errors that include that of the shape of the tyre curve.
+
+    A fit keeps the shape of the base: below the grip limit the data hardly show it, and a free one
+    predicts worse. With another shape the tyre has another stiffness and peak force, though. In a
+    fit x' with a free shape, N' its normal matrix,
+
+        C += inv(N')_xx - inv(N'_xx)       error of x by that of the shape
+             + (x' - x) (x' - x)^T         its change
+    """
+    point = final.point
+    names = tuple(name for name in (f"tyres.{key}" for key in TYRE_SHAPE_NAMES)
+                  if name in flat_names(point.vehicle))
+    if not names or not any(name.startswith("tyres.") for name in point.space.names):
+        return final
+    space = search.make_space(point.vehicle, names)
+    x = space.transfer(space.start(point.vehicle, point.timing), point.space, point.x)
+    other = refit(evidence, point.noise, space, x, point)
+    kept = [i for i in range(len(other.x)) if i >= len(space.names) or space.names[i] not in names]
+    grid = np.ix_(kept, kept)
+    move = other.x[kept] - point.x
+    covariance = (final.covariance + np.linalg.inv(other.normal)[grid]
+                  - np.linalg.inv(other.normal[grid]) + np.outer(move, move))
     stds = point.space.standard_errors(point.x, covariance)
     return replace(final, covariance=covariance, stds={**final.stds, **stds})
 

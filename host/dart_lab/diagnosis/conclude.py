@@ -24,7 +24,7 @@ from dart_lab.identification.evidence.space import MessageTiming
 from dart_lab.identification.objective import FittedModel, Point, covariance
 from dart_lab.report.numbers import describe_change
 
-from .alternatives import include_alternatives, include_sizes, list_exchanges
+from .alternatives import include_alternatives, include_sizes, include_tyre_shape, list_exchanges
 from .cautions import AT_BOUND, list_cautions, list_worse_channels
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
@@ -150,6 +150,7 @@ def conclude(q: DiagnosisSetup, found: SearchResult, files: Mapping[str, Mapping
     fitted_to = q.train.evidence if final.point is complete[-1] else fits.evidence
     if q.refit:
         final = include_sizes(final, fitted_to, q.settings.known)
+        final = include_tyre_shape(final, q.search, fitted_to)
     final = include_alternatives(final, exchanges, q.search, fitted_to, policy.scan)
     causes = tuple(_make_cause(q, one, last, final, accepted, gains[one.effect])
                    for one in distinguished)

@@ -23,6 +23,8 @@ SIGNIFICANT = 2.0
 # Share of a parameter below which its change is a small correction, as below SIGNIFICANT.
 # With 2 % of 2 N DART is 0.024 m/s faster after 1 s: the noise floor of simulated drives.
 SMALL_CHANGE = 0.02
+# Share of the motion error above which no correction is small, however uncertain its size.
+SMALL_GAIN = 0.1
 # Parameters that are listed if nothing else was found; one if there are causes. Of some 18
 # parameters of a refit, one is beyond two standard errors by chance.
 MAX_CHANGES = 3
@@ -140,8 +142,10 @@ def is_small_change(q: QuantityChange | ParameterChange) -> bool:
 
 
 def is_small(c: Claim) -> bool:
-    """Check that a claim is a small correction: all its quantities changed by little."""
-    return all(map(is_small_change, c.quantities.values()))
+    """Check that a claim is a small correction: its quantities changed by little, and gain little.
+    """
+    gains = math.isfinite(c.cost[1]) and c.cost[1] * (1.0 - SMALL_GAIN) > 1.0
+    return not gains and all(map(is_small_change, c.quantities.values()))
 
 
 def largest_changes(d: Diagnosis) -> str:

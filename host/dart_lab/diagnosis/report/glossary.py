@@ -28,7 +28,7 @@ TERMS = {
                                   "posterior over sets of groups, each fitted again, averaged over "
                                   "draws of recordings.",
     "small correction": "A parameter that changed by less than 2 % or by less than two standard "
-                        "errors.",
+                        "errors, and by which the motion error falls by less than a tenth.",
     "substitute": "A cause whose size is not constant: something else lies behind it.",
     "size": "Of a cause in a recording, relative to the one that fits all. It is constant if it "
             "does not change along time, place, speed, angle, throttle and accelerations more than "

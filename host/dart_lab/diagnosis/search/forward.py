@@ -351,8 +351,10 @@ class ForwardSearch:
         return refit_reusing_jacobian(evidence, noise, space, space.start(vehicle, point.timing),
                                       point)
 
-    def make_space(self, vehicle: Vehicle) -> Space:
+    def make_space(self, vehicle: Vehicle, further: Sequence[str] = ()) -> Space:
         """Make the space around the base, with the effects of a vehicle at their null.
+
+        further: parameters that are free in addition.
 
         Without a refit the effects of the base keep their values, like its parameters: a free rate
         limit of the model could grow until it replaces a missing lag. The offsets of a fitted
@@ -360,7 +362,7 @@ class ForwardSearch:
         """
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
-        return Space(add_null_effects(self.base, vehicle.effects), s.free, s.known,
+        return Space(add_null_effects(self.base, vehicle.effects), (*s.free, *further), s.known,
                      self._evidence.message_age, s.policy.prior, self._freed, fixed, s.joint)
 
     def linearise_stated(self, evidence: Evidence, point: Point) -> StatedParameters:
