@@ -51,6 +51,24 @@ def test_too_few_blocks_give_no_interval():
     assert not found.certain
 
 
+@pytest.mark.parametrize("blocks", [4, 6, 12])
+def test_an_interval_of_few_blocks_covers_the_truth(blocks):
+    """A minute of driving has six blocks. A bootstrap of so few misses the truth in a fifth."""
+    rng = np.random.default_rng(blocks)
+    missed = bootstrapped = 0
+    draws = 400
+    for _ in range(draws):
+        level = rng.normal(0.0, 0.4, blocks)
+        first, other = np.exp(level + rng.normal(0.0, 0.15, (2, blocks)))
+        found = gain(first, other, np.arange(blocks))
+        missed += found.certain
+        counts = rng.multinomial(blocks, np.full(blocks, 1 / blocks), 400)
+        ratio = np.quantile((counts @ other**2) / (counts @ first**2), (0.025, 0.975))
+        bootstrapped += not ratio[0] < 1.0 < ratio[1]
+    assert missed <= 0.1 * draws
+    assert bootstrapped > 0.1 * draws or blocks == 12, "the control"
+
+
 def test_the_same_seed_gives_the_same_interval():
     e = correlated(np.random.default_rng(5), 12, 10)
     block = np.repeat(np.arange(12), 10)

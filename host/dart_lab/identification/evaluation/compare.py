@@ -7,6 +7,7 @@ the same windows, so the interval is that of their difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,8 @@ from .prediction import CHANNELS, parts
 # [s] Block if there are too few recordings for each to be one.
 BLOCK_TIME = 10.0
 BOOTSTRAP_DRAWS = 2000
+# In place of a sum or ratio of 0: one of the models may have no error at all.
+TINY = 1e-100
 # Blocks that an interval needs.
 MIN_BLOCKS = 4
 
@@ -88,13 +91,25 @@ def gains(first: FloatArray, other: FloatArray, cases: Sequence[Case], *, horizo
 
 def gain(first: FloatArray, other: FloatArray, block: IntArray, unit: str = "blocks",
          seed: int = 0) -> Gain:
-    """Compute the relative reduction of the RMSE from ``first`` to ``other``, (windows,) each."""
+    """Compute the relative reduction of the RMSE from ``first`` to ``other``, (windows,) each.
+
+    The interval of the bootstrap over n blocks is widened about the estimate, in the logarithm of
+    the ratio: by t(n - 1) over the normal quantile, and by sqrt(n / (n - 1)), the factor by which
+    a bootstrap understates a variance. Without this it misses the truth in a fifth of the cases
+    with four blocks, and in a tenth with twelve.
+    """
+    from scipy.special import ndtri, stdtrit  # takes half a second, which --help need not wait for
+
     labels, index = np.unique(block, return_inverse=True)
     sums = [np.bincount(index, weights=np.square(e)) for e in (first, other)]
-    value = 1.0 - float(np.sqrt(sums[1].sum() / max(sums[0].sum(), 1e-300)))
-    if len(labels) < MIN_BLOCKS or not np.isfinite(sums).all():
-        return Gain(value, np.nan, np.nan, len(labels), unit)
+    n = len(labels)
+    value = 1.0 - float(np.sqrt(sums[1].sum() / max(sums[0].sum(), TINY)))
+    if n < MIN_BLOCKS or not np.isfinite(sums).all():
+        return Gain(value, np.nan, np.nan, n, unit)
     weight = draw_blocks(index, seed=seed)
-    ratio = np.sqrt((weight @ sums[1]) / np.maximum(weight @ sums[0], 1e-300))
-    low, high = np.quantile(1.0 - ratio, (0.025, 0.975))
-    return Gain(value, float(low), float(high), len(labels), unit)
+    ratio = np.sqrt((weight @ sums[1]) / np.maximum(weight @ sums[0], TINY))
+    ends = np.maximum(np.quantile(ratio, (0.975, 0.025)), TINY)
+    wider = float(stdtrit(n - 1, 0.975) / ndtri(0.975)) * math.sqrt(n / (n - 1))
+    estimate = max(1.0 - value, TINY)
+    low, high = 1.0 - estimate * (ends / estimate)**wider
+    return Gain(value, float(low), float(high), n, unit)
