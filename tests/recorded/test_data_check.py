@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.cli.main import main
 from dart_hal.recording.check import DONE, check, summary
 from dart_hal.recording.check.facts import marks, named_time
@@ -326,3 +328,15 @@ def test_every_kind_with_which_something_is_done_has_its_sentence(excerpt):
 def test_a_run_is_dated_by_its_name():
     assert str(named_time(Path("runs/friction-20261121-130211.mcap"))) == "2026-11-21 13:02:11"
     assert named_time(Path("runs/friction-20261199-130211.mcap")) is None
+
+
+def test_a_copy_of_a_file_is_left_out_and_named(tmp_path, excerpt):
+    """It would count as a second recording: errors of a fit were seven times too small."""
+    original = next(excerpt.rglob("*15_28_11*.csv.gz"))
+    copies = [tmp_path / "a" / original.name, tmp_path / "b" / original.name]
+    for copy in copies:
+        copy.parent.mkdir()
+        shutil.copy(original, copy)
+    recordings, skipped = read_any([tmp_path, original])
+    assert [r.path for r in recordings] == copies[:1]
+    assert skipped == [(str(path), f"a copy of {copies[0]}") for path in (copies[1], original)]

@@ -409,11 +409,13 @@ def read_all_unframed(paths: str | Path | Iterable[str | Path],
     """Read as ``read_any`` without marker frames, for a caller that pools several calls.
 
     A file of a folder that cannot be used is excluded and listed; one that is named itself
-    raises RecordingError, as does a folder without any recording.
+    raises RecordingError, as does a folder without any recording. A copy of a file, which would
+    count twice, is excluded too.
     """
     recordings: list[Recording] = []
     skipped: list[tuple[str, str]] = []
     resolved: set[Path] = set()
+    contents: dict[str, Path] = {}
     for entry in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         files = _in_folder(entry) if entry.is_dir() else [entry]
         usable = 0
@@ -425,7 +427,12 @@ def read_all_unframed(paths: str | Path | Iterable[str | Path],
             if on_file is not None:
                 on_file(file)
             try:
-                recordings.append(_read(file, car))
+                found = _read(file, car)
+                first = contents.setdefault(found.sha256, file)
+                if first is file:
+                    recordings.append(found)
+                else:
+                    skipped.append((str(file), f"a copy of {first}"))
             except RecordingError as err:
                 if not entry.is_dir():
                     raise
