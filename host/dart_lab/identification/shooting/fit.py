@@ -4,7 +4,7 @@
 
 1. Fit with the scale of first errors, then with the robust scale of the residuals, until that no
    longer changes.
-2. Covariance over blocks, plus the errors of what is fixed: marker frame, latency, pulse waits.
+2. Covariance over blocks, plus the errors of what is fixed: marker frame, latency, command waits.
 3. A parameter is identified if the data alone, without the prior, give it a small error, and if
    the loss two standard errors away agrees with the quadratic approximation.
 4. Where the data need it, fit again with the effect ``back_emf``: the motor of another car may lose
@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -286,7 +287,10 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
         raise RecordingError("none of these recordings can be predicted", found=reasons,
                              expected="motion capture of a moving car",
                              remedy="without --joint the sub-models are fitted one by one")
-    waits = tuple(0.0 if r.commands is None else PWM_WAIT_STD for r, _ in used)
+    # A command waits for its row between 0 and the time of a row, and by the same in a whole drive
+    # if both have one clock.
+    waits = tuple(_row_time(r) / math.sqrt(12.0) if r.commands is None else PWM_WAIT_STD
+                  for r, _ in used)
     problem = replace(ShootingProblem.from_grids([g for _, g in used]), waits=waits)
     _, stretch = label_stretches(problem.parts, BLOCK_DURATION)
     if len(np.unique(stretch)) < 2:
@@ -295,7 +299,21 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
             found=f"one block of {BLOCK_DURATION:g} s",
             expected="two or more, which give the standard errors",
             remedy="record a longer drive, or add recordings")
-    return fit_jointly(problem, base, submodels, progress, known), used, unused
+    found = fit_jointly(problem, base, submodels, progress, known)
+    rows = [_row_time(r) for r, _ in used if r.commands is None]
+    if rows and "delay" in found.fits:
+        note = (f"delays are for a replay that holds logged rows, {0.5 * np.mean(rows):.3f} s less "
+                "than from the command itself, because a row is later by that in the mean")
+        delay = found.fits["delay"]
+        found = replace(found, fits={**found.fits,
+                                     "delay": replace(delay, notes=(*delay.notes, note))})
+    return found, used, unused
+
+
+def _row_time(recording: Recording) -> float:
+    """Return the time [s] between two rows of a recording with motion capture."""
+    assert recording.mocap is not None
+    return float(np.median(np.diff(recording.mocap.t)))
 
 
 class _JointProblem:
@@ -376,7 +394,7 @@ def _fixed_value_columns(problem: ShootingProblem, names: tuple[str, ...], data:
 
     - Marker frame: dv_y = -omega dL_x + v_x dtheta, dv_x = omega dL_y.
     - Latency of the poses: a longer one shortens both delays by the same time.
-    - Pulse wait of the commands of one recording: the same, in the windows of that recording.
+    - Wait of the commands of one recording for a pulse or row: the same, in its windows.
     """
     columns = []
     along, _, turning = np.moveaxis(problem.measured, 1, 0)

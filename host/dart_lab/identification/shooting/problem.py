@@ -36,8 +36,8 @@ class ShootingProblem:
     """n windows of some recordings.
 
     parts: recordings with the first samples of their windows; measured (len(READ_TIMES), 3, n):
-    measured CHANNELS; waits [s]: standard error of the pulse wait of each recording, () = none;
-    braked: windows that were left out because the ESC brakes in them.
+    measured CHANNELS; waits [s]: standard error of how long the commands of each recording wait,
+    () = none; braked: windows that were left out because the ESC brakes in them.
     """
 
     parts: Parts

@@ -16,6 +16,7 @@ from dart_lab.identification.submodels.steering_timing import (
     MAX_SEPARABLE_STD,
     MIN_INDEPENDENT_DELAY,
     ActuatorTiming,
+    divide_delay,
     steering_timing,
 )
 from dart_lab.identification.submodels.straight import STRAIGHT_NAMES
@@ -78,5 +79,6 @@ def throttle_timing(driving: StraightDriving) -> ActuatorTiming | None:
         notes.append("throttle: delay and lag cannot be separated by these data; their sum is "
                      "given as a pure delay")
         values = np.array([total, 0.0])
+        covariance = divide_delay(total, total_std**2, covariance[1, 1])
     return ActuatorTiming(values, covariance, separable, tuple(notes), len(fit.residual), fit.rmse,
                           fit.converged).subtract_hold(driving.hold, "throttle")

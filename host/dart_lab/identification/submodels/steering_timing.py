@@ -105,11 +105,25 @@ def steering_timing(series: Sequence[YawResponse]) -> ActuatorTiming:
     notes = _notes(series, total, joint, separable)
     rmse = float(np.sqrt(np.mean(np.concatenate(
         [_unexplained_yaw_rate(s, *map(float, solution.x)) for s in series]) ** 2)))
-    values = solution.x if separable else np.array([float(total[0].x[0]), 0.0])
+    values = solution.x
+    if not separable:
+        values = np.array([float(total[0].x[0]), 0.0])
+        variance = float(total[1][0, 0]) + float(SYSTEMATIC_TIME_STD[0])**2
+        covariance = divide_delay(values[0], variance, covariance[1, 1])
     timing = ActuatorTiming(values, covariance, separable, notes, len(solution.residual), rmse,
                             solution.converged if separable else total[0].converged,
                             float(total[0].x[0]))
     return timing.subtract_hold(float(np.mean([s.command.hold for s in series])), "steering")
+
+
+def divide_delay(total: float, variance: float, lag_variance: float) -> FloatArray:
+    """Return the covariance (2, 2) of delay and lag, of which only the sum is known.
+
+    The lag is stated as 0. It may be anything up to the ``total`` [s], which has the ``variance``;
+    lag_variance: of a fit of both, which may know it better.
+    """
+    unknown = min(total**2 / 3.0, lag_variance)
+    return np.array([[variance + unknown, -unknown], [-unknown, unknown]])
 
 
 def _unexplained_yaw_rate(s: YawResponse, delay: float, lag: float) -> FloatArray:
