@@ -7,8 +7,10 @@ import signal
 import numpy as np
 import pytest
 
+from dart_hal import Car
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_lab.sim.lidar.maps import room_of
+from dart_lab.sim.lidar.unit import SimLidar
 from dart_lab.sim.world import THROTTLE_CHANNEL, World
 from tests.common import MAPPED_ROOM_URL, NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
@@ -122,3 +124,19 @@ def test_a_map_is_called_yaml(verb, tmp_path):
     done = verb("map", tmp_path / "room.png", "--speed", 1)
     assert done.code == 2
     assert "room.yaml" in done.err
+
+
+@pytest.mark.slow
+def test_a_lidar_that_dies_at_once_gives_a_reason_and_no_map(verb, tmp_path, monkeypatch):
+    run = tmp_path / "run.mcap"
+    poll = SimLidar.poll
+    monkeypatch.setattr(SimLidar, "poll", lambda source, now: [
+        scan for scan in poll(source, now) if scan.arrival < 0.3])
+    with Car.open(MAPPED_ROOM_URL, record=run) as car:
+        car.arm(waive=("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED"))
+        for _ in car.states(duration=3.0):
+            car.drive_speed(steering=0.3, speed=1.0)
+    done = verb("map", tmp_path / "room.yaml", "--run", run)
+    assert done.code == 2
+    assert "the scans are too few for a map" in done.err
+    assert not (tmp_path / "room.yaml").exists()

@@ -27,7 +27,7 @@ from dart_hal.cli.common.output import print_json, progress_bar, results, show_n
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.session import load_map, show_sensor_errors, with_progress
 from dart_hal.cli.common.simulated_room import load_simulator
-from dart_hal.control.ending import Phase
+from dart_hal.control.ending import MAX_POSE_GAP, Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import FloatArray, Pose
@@ -83,7 +83,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
         show_sensor_errors(car)
     # Only the room of the simulation has a true pose; a map of --map is in a frame of its own.
     truth = _true_path(backend, poses) if chart is None else None
-    found = {**summarise_poses(poses, truth, car.files, source.map_std),
+    found = {**summarise_poses(poses, truth, car.files, source.map_std, car.now),
              "ended": ended and ended.why}
     if plot:
         found["files"] = {"plot": str(draw_localization(source.chart, poses, truth, plot))}
@@ -134,18 +134,22 @@ def _true_path(backend: Backend, poses: list[Located]) -> FloatArray | None:
 
 
 def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFiles,
-                    map_std: float) -> dict[str, Any]:
+                    map_std: float, end: float) -> dict[str, Any]:
     """Return the figures of the localisation.
 
     poses: one for each scan. truth (n, 3): the true pose at each scan, None if not known. files:
-    those of the car, with the mounting of the lidar. map_std [m]: of the walls of the map.
+    those of the car, with the mounting of the lidar. map_std [m]: of the walls of the map. end
+    [s]: now; a pose that is older than ``MAX_POSE_GAP`` is lost.
     """
     last = poses[-1] if poses else None
+    silence = end - last.arrival if last else 0.0
+    lost = last is None or silence > MAX_POSE_GAP
     found: dict[str, Any] = {
-        "status": str(last.status) if last else "LOST", "scans": len(poses),
+        "status": "LOST" if lost else str(last and last.status), "scans": len(poses),
+        "silent_s": silence if lost else 0.0,
         "agreement": last.agreement if last else None,
         "mirrored": bool(last and last.mirrored),
-        "pose": last and last.pose and _pose_json(last.pose, files, map_std),
+        "pose": None if lost else last and last.pose and _pose_json(last.pose, files, map_std),
         "counts": dict(Counter(str(located.status) for located in poses))}
     found["why"] = "" if found["pose"] else _explain_missing_pose(found)
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)
@@ -190,6 +194,8 @@ def format_summary(found: dict[str, Any]) -> str:
 def _explain_missing_pose(found: dict[str, Any]) -> str:
     if not found["scans"]:
         return "check the lidar: dart-hal doctor"
+    if found["silent_s"]:
+        return f"no scan for the last {found['silent_s']:.1f} s; check the lidar: dart-hal doctor"
     if found["mirrored"]:
         return "the scans turn against the gyro: check inverted in [lidar]"
     if found["status"] == Status.AMBIGUOUS:

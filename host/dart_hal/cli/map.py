@@ -40,6 +40,9 @@ from dart_hal.estimation.mapping.keyframes import Survey
 from dart_hal.estimation.mapping.mapper import Mapper
 from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
 
+# Places that a map needs: the drive between two of them.
+MIN_FRAMES = 2
+
 
 @click.command("map")
 @car_options
@@ -157,6 +160,12 @@ def build_survey(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, t
             if n % 20 == 0:
                 bar.update(task, completed=n)
     checks.judge(distance)
+    if len(mapper.frames) < MIN_FRAMES:
+        why = mapper.broken or "too few beams of a scan have an echo"
+        raise UsageError("the scans are too few for a map", read=str(run),
+                         found=f"{len(mapper.frames)} of {checks.scans} scans used: {why}",
+                         expected=f"{MIN_FRAMES} places with scans of 60 echoes or more",
+                         remedy="dart-hal doctor, then record the drive again")
     warnings = []
     if mapper.broken:
         warnings.append(f"the map ends where the lidar sent no scans: {mapper.broken}")

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from math import pi, radians
 
+import numpy as np
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.core.types import Scan
+from dart_hal.devices.lidar.health import LidarHealthMonitor
 
 URL = "sim://?nano=mock&physics=kinematic&seed="
 
@@ -69,3 +72,26 @@ def test_a_lidar_in_the_dark_is_blind_all_around():
     assert found.blind == ((-pi, pi),)
     assert found.returned == 0.0
     assert "only 0 % of the beams have an echo" in " ".join(found.sentences())
+
+
+def room_scan(yaw, start, rate=8.0, n=400):
+    """A scan in a room of 6 x 3 m with a wing, from the middle, of a car at heading ``yaw``."""
+    bearing = np.linspace(-pi, pi, n, endpoint=False)
+    at = bearing + yaw
+    distance = np.fmin(3.0 / np.fmax(np.abs(np.cos(at)), 1e-6),
+                       1.5 / np.fmax(np.abs(np.sin(at)), 1e-6)) * (1.0 + 0.3 * (np.sin(at) > 0.8))
+    after = np.linspace(0.0, 1.0 / rate, n, endpoint=False)
+    return Scan(start + 1.0 / rate, start, rate, after, -bearing, distance)
+
+
+@pytest.mark.parametrize(("turn", "pause"), [(2.0, 0.6), (0.5, 0.6)])
+def test_scans_with_a_gap_between_them_are_not_compared(turn, pause):
+    """The rotation that fits two scans of different places may have any sign."""
+    watch = LidarHealthMonitor()
+    for k in range(20):
+        watch.add(room_scan(turn * k, (0.125 + pause) * k), turn * k)
+    assert watch.sense is None
+    control = LidarHealthMonitor()
+    for k in range(20):
+        control.add(room_scan(0.2 * k, 0.125 * k), 0.2 * k)
+    assert control.sense == pytest.approx(1.0, abs=0.2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import replace
 from math import remainder, tau
@@ -13,6 +14,7 @@ import pytest
 from dart_hal import Car
 from dart_hal.car import poses
 from dart_hal.car.lidar import UNMEASURED_MOUNT_STD, mount_of, mounting_covariance
+from dart_hal.cli.main import main
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
@@ -232,3 +234,32 @@ class Moment(NamedTuple):
     t: float
     pose: Pose
     accel_x: float | None = None
+
+
+def cover(scan):
+    return replace(scan, distance=np.full(len(scan), np.nan))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lose", [cover, None])
+def test_a_lidar_that_is_covered_or_silent_is_no_tracking(capsys, monkeypatch, lose):
+    """The last pose stayed the newest one: TRACKING, exit status 0."""
+    add = LidarPoses.add
+    monkeypatch.setattr(LidarPoses, "add", lambda source, scan: (
+        add(source, scan) if scan.arrival < 2.0 else lose and add(source, lose(scan))))
+    with pytest.raises(SystemExit) as done:
+        main(["localize", "--url", MAPPED_ROOM_URL, "--duration", "4", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert done.value.code == 1
+    assert found["counts"]["TRACKING"] > 5, "negative control"
+    assert (found["status"], found["pose"]) == ("LOST", None)
+    assert found["why"]
+
+
+def test_states_do_not_pile_up_without_scans():
+    source = LidarPoses(map_of_lines(box(0.0, 0.0, 0.0, 4.0, 3.0)))
+    with Car.open("sim://?nano=mock&lidar=1&seed=4") as car:
+        states = list(car.states(duration=8.0))
+    for state in states:
+        source.add_states([state])
+    assert 500 < len(source._states) <= 601

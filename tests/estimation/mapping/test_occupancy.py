@@ -68,6 +68,14 @@ def test_what_moved_is_gone_and_what_is_fixed_stays(tmp_path):
     assert (read.free == (grid.free & ~grid.occupied)).all()
 
 
+@pytest.mark.parametrize("name", ["room #2", "lab: east", "[a] b", "@home", "- x", "&x", "Süd"])
+def test_a_map_of_any_file_name_is_read_back(tmp_path, name):
+    occupied = np.eye(4, dtype=bool)
+    path = tmp_path / f"{name}.yaml"
+    write_grid(Grid(occupied, ~occupied, 0.05, np.zeros(2)), path)
+    assert (read_grid(path).occupied == occupied).all()
+
+
 def test_a_file_that_is_turned_or_short_is_not_read(tmp_path):
     grid = Grid(np.eye(3, dtype=bool), ~np.eye(3, dtype=bool), 0.05, np.array((-1.0, 2.0)))
     write_grid(grid, tmp_path / "a.yaml")

@@ -31,6 +31,10 @@ MIN_PROFILE_BEAMS = 90
 MAX_LOG_DIFFERENCE = 0.5
 # rad between two scans; a smaller turn is not used.
 MIN_TURN_STEP = radians(4.0)
+# rad between two scans; a larger turn is outside the rotations that are tried.
+MAX_TURN_STEP = radians(float(SHIFTS_DEG[-1]))
+# Revolutions between the end of a scan and the start of the next one that is compared with it.
+MAX_SCAN_PAUSE = 0.5
 # rad of turns in total before the sense is reported.
 MIN_TOTAL_TURN = radians(60.0)
 # 1/s; above it the original DART software found a gap at the front left of an X4.
@@ -91,7 +95,10 @@ class LidarHealthMonitor:
         self._scans.append(scan)
         last = self._last
         self._last = (scan, yaw)
-        if last is None or abs(turn := yaw - last[1]) <= MIN_TURN_STEP:
+        if last is None or not MIN_TURN_STEP < abs(turn := yaw - last[1]) < MAX_TURN_STEP:
+            return
+        # After a gap the car is elsewhere, and the rotation that fits best means nothing.
+        if scan.t[0] - last[0].t[-1] > MAX_SCAN_PAUSE / scan.rate:
             return
         previous = _profile(last[0])
         profile = _profile(scan)

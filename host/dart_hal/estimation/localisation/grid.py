@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass
 from itertools import pairwise
@@ -125,7 +126,9 @@ def write_grid(grid: Grid, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     image.write_bytes(b"P5\n%d %d\n255\n" % (columns, rows) + shades[::-1].tobytes())
     x, y = grid.origin.tolist()
-    path.write_text(f"image: {image.name}\nresolution: {grid.cell:g}\n"
+    # JSON is YAML, and a name may have characters that mean something there.
+    name = json.dumps(image.name, ensure_ascii=False)
+    path.write_text(f"image: {name}\nresolution: {grid.cell:g}\n"
                     f"origin: [{x:.6f}, {y:.6f}, 0.0]\nnegate: 0\noccupied_thresh: 0.65\n"
                     "free_thresh: 0.196\n", encoding="utf-8")
     return image

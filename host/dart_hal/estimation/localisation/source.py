@@ -20,7 +20,9 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import ExternalPose, Scan, State
 from dart_hal.estimation.localisation.field import Map, map_of_grid
 from dart_hal.estimation.localisation.grid import read_grid
+from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.localiser import Localiser, Located
+from dart_hal.estimation.localisation.path import STEP_HISTORY
 from dart_hal.estimation.other_cars.memory import list_possible, remember_cars
 from dart_hal.estimation.other_cars.rectangle import CarSize
 from dart_hal.estimation.other_cars.sweep import make_sweep
@@ -56,7 +58,7 @@ class LidarPoses:
         self.possible: list[NearbyCar] = []
         self._tracker: CarTracker | None = None
         self._localiser = Localiser(chart, start)
-        self._states: list[State] = []
+        self._states: deque[State] = deque()
         self._poses: deque[ExternalPose] = deque()
         self._work: Queue[Work | None] | None = None
 
@@ -71,8 +73,10 @@ class LidarPoses:
         self._tracker = CarTracker(size)
 
     def add_states(self, states: Sequence[State]) -> None:
-        """Add States of the car, each once, in order."""
+        """Add States of the car, each once, in order; the last seconds wait for a scan."""
         self._states.extend(states)
+        while self._states and self._states[0].t < self._states[-1].t - STEP_HISTORY:
+            self._states.popleft()
 
     def add(self, scan: Scan) -> None:
         """Process a scan, or queue it for the thread, with the States added since the last one.
@@ -80,7 +84,7 @@ class LidarPoses:
         These States reach up to the arrival of the scan.
         """
         work = (tuple(self._states), scan)
-        self._states = []
+        self._states.clear()
         if self._work is None:
             self._locate(*work)
             return
@@ -115,8 +119,11 @@ class LidarPoses:
             self._localiser.update_odometry(state.t, state.pose.x, state.pose.y, state.pose.yaw,
                                        state.accel_x)
         located = self._localiser.add(scan)
-        self.newest = located or self.newest
-        if located is not None and located.pose is not None and located.t >= 0.0:
+        if located is None:
+            # Too few echoes, or no odometry at its time.
+            located = Located(scan.arrival, scan.arrival, Status.LOST, None, 0.0)
+        self.newest = located
+        if located.pose is not None and located.t >= 0.0:
             pose = located.pose
             if self._tracker is not None and self._localiser.beams is not None:
                 sweep = make_sweep(self.chart, self._localiser.beams, pose)
