@@ -8,6 +8,7 @@ import pytest
 from dart_hal.estimation.localisation import matcher
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.rays import cast_numpy
+from dart_hal.vehicle.native.build import compiler
 from dart_lab.sim.lidar.maps import room_of
 
 
@@ -26,11 +27,11 @@ def scan_of(seed):
             np.array((x + 0.02, y - 0.02, 0.02, 0.004)), np.diag((2500.0, 2500.0, 1e4, 1e5)))
 
 
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("small", [0.0, matcher.STEP_TOLERANCE])
 def test_the_kernel_agrees_with_numpy(small):
     by_c = matcher.native_match()
-    if by_c is None:
-        pytest.skip("no C compiler")
+    assert by_c is not None, "match.c does not compile, or differs"
     for seed in range(8):
         given = scan_of(seed)
         spread = np.linspace(1.0, 4.0, len(given[1]))

@@ -57,8 +57,8 @@ void match(int64_t n, const double *restrict p, const double *restrict q,
             const double grow = f[2] + f[3] * du;
             const double d = f[0] + f[1] * du + grow * dv;
             const double gx = (f[1] + f[3] * dv) / cell, gy = grow / cell;
-            const double f = spread[i] * spread[i], e = c2 * f + d * d;
-            const double w = d <= far ? strength * f / (e * e) : 0.0;
+            const double wider = spread[i] * spread[i], e = c2 * wider + d * d;
+            const double w = d <= far ? strength * wider / (e * e) : 0.0;
             const double j[4] = {gx, gy, gy * rx - gx * ry, gx * qx + gy * qy};
             for (int a = 0; a < 4; a++) {
                 g[a] += w * j[a] * d;
