@@ -2,9 +2,8 @@
  * the information of the scan alone.
  *
  * p, q (n, 2) by rows: `points` and `rays`, the end points and their derivative by the scale; spread:
- * factor of sigma and C of each. patch:
- * `Map.patch`, the distance at a node and its change by x, y and x y; left, low: `Map.origin`. c2:
- * C squared, far: MAX_WALL_DISTANCE, sigma: WALL_DISTANCE_STD, strength: C^4 / sigma^2,
+ * factor of sigma and C of each. patch: `Map.patch`, the distance at a node, its change by x, y and
+ * x y, and the matrix of its gradient; left, low: `Map.origin`. c2: C squared, far: MAX_WALL_DISTANCE, sigma: WALL_DISTANCE_STD, strength: C^4 / sigma^2,
  * steps: MAX_ITERATIONS. h, g: normal equations, of order 4, positive definite as `known` is:
  * solved by Cholesky's method.
  */
@@ -53,10 +52,12 @@ void match(int64_t n, const double *restrict p, const double *restrict q,
             const double u = fmin(fmax((rx + pose[0] - left) / cell, 0.0), columns - 1.001);
             const double v = fmin(fmax((ry + pose[1] - low) / cell, 0.0), rows - 1.001);
             const int64_t iu = (int64_t)u, iv = (int64_t)v;
-            const double *f = patch + 4 * (iv * columns + iu), du = u - iu, dv = v - iv;
+            const double *f = patch + 7 * (iv * columns + iu), du = u - iu, dv = v - iv;
             const double grow = f[2] + f[3] * du;
             const double d = f[0] + f[1] * du + grow * dv;
-            const double gx = (f[1] + f[3] * dv) / cell, gy = grow / cell;
+            const double along = f[1] + f[3] * dv;
+            const double gx = (f[4] * along + f[5] * grow) / cell;
+            const double gy = (f[5] * along + f[6] * grow) / cell;
             const double wider = spread[i] * spread[i], e = c2 * wider + d * d;
             const double w = d <= far ? strength * wider / (e * e) : 0.0;
             const double j[4] = {gx, gy, gy * rx - gx * ry, gx * qx + gy * qy};
