@@ -228,6 +228,18 @@ def test_a_file_that_cannot_be_read_leaves_the_others_marked(verb, lecturer):
     assert lines[2].endswith("nothing handed in")
 
 
+@pytest.mark.parametrize("causes", ["3", "[1]", '"battery_fade"'])
+def test_causes_that_are_no_names_leave_the_others_marked(verb, lecturer, causes):
+    tasks = read_class(lecturer).tasks
+    for task in tasks[:2]:
+        save_model(model_of(PAPER), Path("handed_in") / task.car / "model.toml")
+    with (Path("handed_in") / tasks[0].car / "model.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n[provenance]\ncauses = {causes}\n")
+    lines = verb("class", "--lecturer", lecturer, "--mark", "handed_in").out.splitlines()
+    assert "names no effects" in lines[0]
+    assert "no fault" in lines[1]
+
+
 def test_a_folder_without_any_car_of_the_class_is_refused(verb, lecturer):
     (Path("handed_in") / "monday" / read_class(lecturer).tasks[0].car).mkdir(parents=True)
     error = verb("class", "--lecturer", lecturer, "--mark", "handed_in", "--json").error

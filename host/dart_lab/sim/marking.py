@@ -27,7 +27,7 @@ from dart_hal.core.config import (
 )
 from dart_hal.core.config.folders import Folders
 from dart_hal.core.config.model import MODEL_PARAMETERS
-from dart_hal.core.errors import UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.types import INTERVAL_90, FloatArray
 from dart_hal.core.url import Url
 from dart_hal.vehicle import Motor, flat, make_steering
@@ -304,9 +304,13 @@ def _causes(model: ModelFile) -> tuple[str, ...]:
     """Return the effects of a model that are causes.
 
     A diagnosis names its causes in the provenance. Its other effects, such as the mounting of an
-    IMU, are parameters of the fit without a true counterpart.
+    IMU, are parameters of the fit without a true counterpart. Raises ConfigError.
     """
-    return tuple(model.provenance.get("causes", [effect.name for effect in model.effects]))
+    causes = model.provenance.get("causes", [effect.name for effect in model.effects])
+    if not (isinstance(causes, list) and all(isinstance(name, str) for name in causes)):
+        raise ConfigError("provenance.causes of model.toml names no effects", found=repr(causes),
+                          expected='a list of names, such as ["grip"]')
+    return tuple(causes)
 
 
 def _mark_effects(resolved: ResolvedCar, model: ModelFile) -> Iterator[Mark]:

@@ -70,7 +70,7 @@ def rclpy(monkeypatch):
 def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
     node = Ros2("dart_hal_1")
     sent = node._node.sent
-    pose = ExternalPose(5.0, 2.0, 1.0, -0.5, 0.3, frame="room")
+    pose = ExternalPose(5.0, 2.0, 1.0, -0.5, 0.3, frame="map")
     for topic, message in (("vx_1", number(0.25)), ("arduino_data_1", numbers((1.0, 2.0))),
                            ("vicon/jetracer1", external_pose(pose, pose.stamp))):
         node.advertise(topic, message.kind, False)

@@ -86,6 +86,9 @@ def test_every_sample_is_published(driven):
     assert times == sorted(times)
     poses = [m for name, m in driven.ros.published if name == "vicon/jetracer3"]
     assert len(poses) == pytest.approx(100.0 * times[-1], rel=0.1), "each pose once"
+    frames = {link.fields["header"].fields["frame_id"] for name, m in driven.ros.published
+              if name == "/tf" for link in m.fields["transforms"]}
+    assert poses[-1].fields["header"].fields["frame_id"] in frames, "no transform leads to it"
 
 
 @pytest.mark.slow

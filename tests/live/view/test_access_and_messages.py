@@ -166,4 +166,45 @@ def test_own_addresses_are_those_of_the_routes_once_and_not_loopback(monkeypatch
 def test_only_names_of_this_computer_are_served(host, own):
     made = Access.of_this_computer(8642, lan=False)
     assert made.is_own_host(host) is own
-    assert (f"http://{host}" in made.origins()) is own
+    assert made.is_own_origin(f"http://{host}") is own
+    assert not made.is_own_origin(f"https://{host}")
+
+
+def test_the_address_at_which_a_visitor_arrived_is_served_in_a_network_of_its_own():
+    """Without a route to the internet this computer does not know its addresses."""
+    open_page = Access(8642, lan=True, names=("localhost", "Lab-PC"))
+    assert open_page.is_own_host("10.42.0.1:8642", "10.42.0.1")
+    assert open_page.is_own_host("lab-pc:8642")
+    assert not open_page.is_own_host("evil.example:8642", "10.42.0.1")
+    assert not open_page.is_own_host("10.42.0.2:8642", "10.42.0.1")
+    assert not Access(8642, names=("localhost",)).is_own_host("10.42.0.1:8642", "10.42.0.1")
+    assert Access(80, names=("localhost",)).is_own_host("localhost")
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_an_armed_car_is_disarmed_unless_its_page_answers(answers):
+    one = Operator(Access(1, token="t"))
+    one.take("a", "t")
+    one.begin(10.0)
+    assert one.current_command(10.9).throttle == 0.0
+    if answers:
+        one.release("a", 10.9, 10.9, "ARMED")
+    one.current_command(11.05)
+    assert one.take_end_reason() == ("" if answers else "silent")
+    one.begin(20.0)
+    assert one.remove_page("a", "ARMED")
+    assert one.take_end_reason() == "gone"
+
+
+def test_a_stick_held_during_arming_keeps_the_car_armed_and_does_not_drive():
+    one = Operator(Access(1, token="t"))
+    one.take("a", "t")
+    one.drive("a", 0.5, 0.5, 9.9, 9.9)
+    one.begin(10.0)
+    for k in range(1, 40):
+        now = 10.0 + 0.05 * k
+        one.drive("a", 0.5, 0.5, now, now)
+        assert one.current_command(now).throttle == 0.0
+    one.release("a", now, now, "ARMED")
+    one.drive("a", 0.5, 0.5, now, now)
+    assert one.current_command(now).throttle == 0.5

@@ -387,3 +387,45 @@ def test_a_page_that_only_watches_can_stop_and_nothing_else():
             seat.car.drive(throttle=0.25)
         assert seat.driving(pressed - 0.1)
         assert seat.last_driving(pressed) <= REPORTED_END_S
+
+
+def leave_during(first, how, requests=1):
+    """Return what happens if the page leaves ``first`` s after it has asked for the wheel."""
+    seat = AtTheDesk()
+    seat.send_message("one", m.Take("right"))
+    for _ in range(requests):
+        seat.send_message("one", m.Arm())
+    begun = seat.now()
+    left = []
+
+    def each(t):
+        if not left and t >= begun + first:
+            left.append(t)
+            how(seat)
+
+    seat.drive(first + 4.0, each)
+    return seat
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["gone", "left"])
+@pytest.mark.parametrize(("first", "requests"), [(0.5, 1), (0.5, 2), (0.5, 5), (2.6, 1)])
+def test_a_car_whose_page_has_left_is_not_armed(first, requests, how):
+    """A second click on Arm armed it again, and one that was just armed stayed so for ever."""
+    seat = leave_during(first, ENDS_OF_DRIVING[how], requests)
+    assert seat.car.mode == "DISARMED"
+    seat.send_message("two", m.Take("right"))
+    seat.watch()
+    seat.drive(1.0, lambda t: seat.hold("two"))
+    assert seat.driving(0.0) == [], "the next page drives without arming"
+
+
+@pytest.mark.slow
+def test_a_page_that_says_nothing_after_arming_loses_the_car():
+    seat = AtTheDesk()
+    seat.send_message("one", m.Take("right"))
+    seat.send_message("one", m.Arm())
+    modes = []
+    seat.drive(6.0, lambda t: modes.append(seat.car.mode))
+    assert "ARMED" in modes, "negative control"
+    assert seat.car.mode == "DISARMED"

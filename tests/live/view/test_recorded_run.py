@@ -11,7 +11,9 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from websockets.sync.client import connect
 
+from dart_lab.live.view.player import Player
 from dart_lab.live.view.rows import FIELDS
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -88,3 +90,18 @@ def test_it_plays_in_a_browser_without_a_program(browsers, served_folder, name):
     names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
     assert all(part.startswith(url.rsplit("/", 1)[0]) for part in names)
     assert requests
+
+
+@pytest.mark.slow
+def test_a_long_run_reaches_a_page_that_reads_slowly():
+    """Sent as one message, 6 MB were more than a page may have unread, and it was cut off."""
+    rows = [[0.01 * k, *[1.234 + 1e-3 * k] * 13, 1e-7] for k in range(50_000)]
+    run = {"type": "run", "car": "x", "url": "", "fields": FIELDS, "rows": rows, "scans": [],
+           "images": []}
+    with (Player(run, 0, False) as player,
+          connect(f"ws://localhost:{player.access.port}/socket", max_size=None,
+                  max_queue=1) as page):
+        time.sleep(0.3)     # ten batches, each of which would cut it off
+        text = page.recv(timeout=20.0)
+    assert len(text) > 5_000_000
+    assert len(json.loads(text)["rows"]) == len(rows)

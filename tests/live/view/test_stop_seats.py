@@ -194,10 +194,10 @@ def test_a_post_of_a_program_or_of_our_own_page_stops():
 
 def test_connections_that_request_nothing_do_not_keep_others_out():
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
-        arm(page, driver)
         for _ in range(3 * server.MAX_HANDSHAKES):
             idle = stack.enter_context(socket.create_connection(("localhost", page.access.port)))
             idle.sendall(b"GET /stop HTTP/1.1\r\n")
+        arm(page, driver)
         assert request(page, **STOP_HEADER) == (200, "stopped")
         assert len(page._server._handshakes) <= server.MAX_HANDSHAKES
         assert wait_until_tripped(car)
@@ -249,3 +249,12 @@ def test_control_the_library_logs_messages_where_it_may(caplog):
         send_message(one, type="take", token=page.access.token)
         until(one, "yours")
         assert page.access.token in caplog.text
+
+
+def test_a_page_that_ends_right_after_its_stop_leaves_the_car_free():
+    """A program ends with STOP, and its page with it: nothing else released the run-stop."""
+    with live_page() as (car, page):
+        assert request(page, **STOP_HEADER) == (200, "stopped")
+        assert car._engine.driver.holders, "negative control"
+        page.close()
+        assert not car._engine.driver.holders

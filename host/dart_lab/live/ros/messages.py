@@ -16,6 +16,8 @@ from dart_hal.recording.cdr import planar_covariance, twist_covariance
 
 # Name in ROS 2. ROS 1 has another type with the same two numbers.
 TIME_KIND = "builtin_interfaces/Time"
+# Frame of the room: that of the external poses.
+MAP_FRAME = "map"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +110,9 @@ def clock(stamp: float) -> RosMessage:
 
 
 def external_pose(pose: ExternalPose, stamp: float) -> RosMessage:
-    """Return the pose of the marker frame in the frame of the motion capture."""
+    """Return the pose of the marker frame in the frame of the motion capture: MAP_FRAME."""
     return RosMessage("geometry_msgs/PoseWithCovarianceStamped", {
-        "header": _header(stamp, pose.frame),
+        "header": _header(stamp, MAP_FRAME),
         "pose": _pose(Pose(pose.x, pose.y, pose.yaw, pose.cov))})
 
 

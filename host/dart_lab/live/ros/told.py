@@ -10,6 +10,7 @@ from dart_hal.car.export.standard import Planar, count_readings
 from dart_hal.core.types import ExternalPose, Mount, Scan, State, Tracking
 from dart_hal.estimation.localisation.field import Map, draw_grid
 from dart_lab.live.ros.messages import (
+    MAP_FRAME,
     RosMessage,
     battery_state,
     clock,
@@ -40,8 +41,6 @@ MAP_TOPICS = {"/map": "nav_msgs/OccupancyGrid"}
 BATTERY_TOPICS = {"battery_{n}": "sensor_msgs/BatteryState"}
 # Topics whose last message every later subscriber receives too.
 LATCHED_TOPICS = frozenset({"/tf_static", "/map"})
-# Frame of the room: that of the external poses.
-MAP_FRAME = "map"
 # Scans whose number of beams is counted before the first is published.
 COUNTED_SCANS = 5
 

@@ -66,6 +66,10 @@ def own_addresses() -> tuple[str, ...]:
     return tuple(dict.fromkeys(a for a in found if not a.startswith("127.")))
 
 
+# Port of HTTP, which an address need not name.
+HTTP_PORT = 80
+
+
 @dataclass(frozen=True)
 class Access:
     """port: of the page. lan: open to other computers. names: host names that are accepted."""
@@ -81,15 +85,24 @@ class Access:
         names = (*LOOPBACK, *((*own_addresses(), socket.gethostname()) if lan else ()))
         return cls(port, lan, token or secrets.token_urlsafe(9), names)
 
-    def origins(self) -> tuple[str, ...]:
-        """Return the origins of pages that may open a socket."""
-        return tuple(f"http://{name}:{self.port}" for name in self.names)
+    def is_own_origin(self, origin: str, arrived_at: str = "") -> bool:
+        """Return whether a page of this origin may open a socket; arrived_at: as ``is_own_host``.
+        """
+        scheme, _, host = origin.partition("://")
+        return scheme == "http" and self.is_own_host(host, arrived_at)
 
-    def is_own_host(self, host: str) -> bool:
-        """Return whether a request names this computer. Another domain that resolves to its address
-        (DNS rebinding) is refused."""
-        own = {f"{name}:{self.port}" for name in self.names}
-        return len(host) <= MAX_HOST_NAME_LENGTH and host in own
+    def is_own_host(self, host: str, arrived_at: str = "") -> bool:
+        """Return whether a request names this computer.
+
+        arrived_at: the address of this computer at which the connection arrived. It is accepted
+        with ``lan``: a computer without a route to the internet does not know its addresses.
+        Another domain that resolves to it (DNS rebinding) is refused: an address is no domain.
+        """
+        names = (*self.names, arrived_at) if self.lan and arrived_at else self.names
+        own = {f"{name}:{self.port}".lower() for name in names}
+        if self.port == HTTP_PORT:  # clients leave it out
+            own |= {name.lower() for name in names}
+        return len(host) <= MAX_HOST_NAME_LENGTH and host.lower() in own
 
     def may_drive(self, token: str) -> bool:
         """Return whether the token is right, in a time that does not depend on the token."""

@@ -90,9 +90,12 @@ class Desk:
         self._unsubscribe = car.on_state(self._take_state)
 
     def close(self) -> None:
-        """Detach from the car, which stays open; ``run`` ends."""
+        """Detach from the car, which stays open; ``run`` ends, and so does a run-stop of a page."""
         self._closed = True
         self._unsubscribe()
+        if self._stopped_until > -inf:
+            self._stopped_until = -inf
+            self.car.run_stop(False, source="view")
 
     # -- in the car's thread ---------------------------------------------------------------
 
@@ -136,18 +139,36 @@ class Desk:
     def _arm(self) -> None:
         """Arm the car for the page that drives; report why it does not arm."""
         driver = self.operator.page
+        if driver is None or not self._arm_requested:
+            return
         try:
             arming = self.car.arming(waive=self._waive)
             for _ in arming:
                 # The page that requested arming has left, or is hidden.
                 if self.operator.page is not driver or not self._arm_requested:
                     self.car.stop()
+                    with self._lock:
+                        self._drop_arm_requests()
                     return
         except NotArmed as why:
             rolls = "ENCODER_MOVING" in (*why.reasons, *self.car.refusals())
             self._report(WAIT_FOR_REST if rolls else describe_refusals(self.car, why.reasons))
         with self._lock:
-            self.operator.require_release()
+            self._drop_arm_requests()
+            armed = self.car.mode == "ARMED"
+            left = self.operator.page is not driver
+            if armed and not left:
+                self.operator.begin(self._clock())
+            else:
+                self.operator.require_release()
+        if armed and left:
+            self.car.stop()
+
+    def _drop_arm_requests(self) -> None:
+        """Forget requests for arming: they are done, or their page has left."""
+        self._arm_requested = False
+        for request in [r for r in self._requests if isinstance(r, m.Arm)]:
+            self._requests.remove(request)
 
     def _record(self, on: bool) -> None:
         """Start a recording in the folder for them, or end it."""
@@ -182,7 +203,8 @@ class Desk:
                 self.operator.take(page, message.token)
                 return TAKEN_MESSAGE
             if isinstance(message, m.Leave):
-                self.operator.remove_page(page)
+                if self.operator.remove_page(page, self.car.mode):
+                    self._drop_arm_requests()
             elif isinstance(message, m.Release):
                 self.operator.release(page, message.heard, now, self.car.mode)
                 if message.heard is None and page == self.operator.page:
@@ -201,7 +223,8 @@ class Desk:
         """Remove a page whose socket is closed; the car stops if this page drove."""
         self.pages -= 1
         with self._lock:
-            self.operator.remove_page(page)
+            if self.operator.remove_page(page, self.car.mode):
+                self._drop_arm_requests()
         self._end_drive()
 
     def batch(self) -> Iterable[str]:

@@ -26,6 +26,9 @@ from dart_lab.live.view.access import Access
 # pulse (22 ms) the motor's pulse is neutral within 250 ms after a page falls silent. A page that
 # receives and answers 30 times a second uses 67 ms; the rest is for the network.
 MAX_COMMAND_AGE_S = 0.2
+# Time in which the page that drives has to answer that the car is armed: a status message comes
+# five times a second, the rest is for the network. The throttle is neutral.
+MAX_FIRST_ANSWER_S = 1.0
 # Time for which a car stays armed with a released stick.
 MAX_RELEASED_S = 10.0
 # Wrong tokens of one page until its connection is closed.
@@ -91,6 +94,9 @@ class Operator:
         """
         self.check(page)
         if not self._released:
+            # A stick held since before the car was armed: the page is there, and that is all.
+            if self._command is not None and 0.0 <= now - heard < MAX_COMMAND_AGE_S:
+                self._valid_until = heard + MAX_COMMAND_AGE_S
             return
         if not 0.0 <= now - heard < MAX_COMMAND_AGE_S:
             raise Refused(f"the command is {1e3 * (now - heard):.0f} ms old, the limit is "
@@ -130,12 +136,17 @@ class Operator:
         self._command = (steering, 0.0)
         self._valid_until = min(heard, now) + MAX_COMMAND_AGE_S
 
-    def remove_page(self, page: Hashable) -> None:
-        """Remove a page that left or whose socket closed."""
+    def remove_page(self, page: Hashable, mode: str = "") -> bool:
+        """Remove a page that left or whose socket closed; return whether it drove.
+
+        mode: of the car. One that is armed is stopped, with or without a command.
+        """
         self._wrong_tokens.pop(page, None)
-        if page == self.page:
+        drove = page == self.page
+        if drove:
             self.page = None
-            self._end("gone")
+            self._end("gone", always=mode == "ARMED")
+        return drove
 
     def stop(self) -> None:
         """Drop the command; a stick that is held has no effect until it was released."""
@@ -147,6 +158,17 @@ class Operator:
         """Require that a stick held during arming is released before it has an effect."""
         if self._command is not None:
             self.stop()
+
+    def begin(self, now: float) -> None:
+        """Begin a drive at neutral: the car has been armed for the page that drives.
+
+        It ends unless the page answers. A stick held during arming has no effect until released.
+        """
+        self.require_release()
+        self._command = (0.0, 0.0)
+        self._valid_until = now + MAX_FIRST_ANSWER_S
+        self._released_at = now
+        self._end_reason = ""
 
     def current_command(self, now: float) -> PageCommand | None:
         """Return the valid command, None if there is none."""

@@ -45,6 +45,8 @@ from dart_lab.live.view.operator import Refused
 BATCH_RATE_HZ = 30.0
 # Unsent bytes of a page: 20 s of all messages. A page that reads nothing is disconnected.
 MAX_WAITING_BYTES = 1 << 20
+# Characters of a long message that are sent at once.
+PART_LENGTH = 1 << 16
 # Send buffer of the kernel (it doubles the number). It is small, so that data do not get old in
 # it.
 SEND_BUFFER = 16384
@@ -207,7 +209,6 @@ class PageServer:
         self._loop = asyncio.get_running_loop()
         self._end = asyncio.Event()
         async with serve(self._serve_page, sock=self._socket, process_request=self._answer_request,
-                         origins=[None, *self._access.origins()],  # type: ignore[list-item]
                          max_size=MAX_MESSAGE_BYTES, max_queue=16, compression=None,
                          ping_interval=PING_TIMEOUT_S,
                          ping_timeout=PING_TIMEOUT_S, close_timeout=0.5, logger=_socket_log,
@@ -240,7 +241,10 @@ class PageServer:
         self._pages[page] = None
         try:
             for text in self._listener.open_page(page):
-                await page.send(text)
+                # A run may have tens of megabytes: in parts, a slow reader is waited for, and is
+                # not one that does not read.
+                await page.send([text[i:i + PART_LENGTH]
+                                 for i in range(0, len(text), PART_LENGTH)])
             async for data in page:
                 try:
                     if (answer := self._listener.handle_message(page,
@@ -262,17 +266,19 @@ class PageServer:
 
     def _answer_request(self, page: ServerConnection, request: Request) -> Response | None:
         self._handshakes.pop(page, None)
-        if not self._access.is_own_host(request.headers.get("Host", "")):
+        if not self._access.is_own_host(request.headers.get("Host", ""), _arrived_at(page)):
             return _answer(HTTPStatus.FORBIDDEN, CONTENT_TYPES["html"],
                            b"open this page by the address that was printed")
         path = request.path.partition("?")[0]
         if path == STOP_PATH:
             return self._answer_stop(page, request)
         if path == "/socket":
+            if not self._is_own_origin(page, request):
+                return _answer(HTTPStatus.FORBIDDEN, CONTENT_TYPES["html"],
+                               b"a page of another address may not open this socket")
             if len(page.server.connections) < MAX_PAGES:
                 return None
-            opens = "Upgrade" in request.headers and self._is_own_origin(request)
-            return None if opens and self._replace_viewer() else _answer(
+            return None if "Upgrade" in request.headers and self._replace_viewer() else _answer(
                 HTTPStatus.SERVICE_UNAVAILABLE, CONTENT_TYPES["html"], b"too many pages are open")
         if path == PICTURE_PATH:
             image = self._listener.picture()
@@ -283,10 +289,10 @@ class PageServer:
             return _answer(HTTPStatus.NOT_FOUND, CONTENT_TYPES["html"], b"there is no such page")
         return _answer(HTTPStatus.OK, kind, body)
 
-    def _is_own_origin(self, request: Request) -> bool:
+    def _is_own_origin(self, page: ServerConnection, request: Request) -> bool:
         """Return whether a request is from our own page or from a program."""
         origin = request.headers.get("Origin")
-        return origin is None or origin in self._access.origins()
+        return origin is None or self._access.is_own_origin(origin, _arrived_at(page))
 
     def _replace_viewer(self) -> bool:
         """Close the page that has been open longest; return whether that was possible."""
@@ -306,7 +312,7 @@ class PageServer:
         """Answer a STOP request, which needs no socket."""
         # The attribute exists from websockets 17 on.
         post = getattr(request, "method", "GET") == "POST"
-        if not (STOP_HEADER in request.headers or post) or not self._is_own_origin(request):
+        if not (STOP_HEADER in request.headers or post) or not self._is_own_origin(page, request):
             return _answer(HTTPStatus.FORBIDDEN, CONTENT_TYPES["html"],
                            f"STOP is a request with the header {STOP_HEADER}".encode())
         try:
@@ -314,6 +320,11 @@ class PageServer:
         except Refused as why:
             return _answer(HTTPStatus.CONFLICT, CONTENT_TYPES["html"], str(why).encode())
         return _answer(HTTPStatus.OK, CONTENT_TYPES["html"], b"stopped")
+
+
+def _arrived_at(page: ServerConnection) -> str:
+    """Return the address of this computer at which a connection has arrived."""
+    return str((page.transport.get_extra_info("sockname") or ("",))[0])
 
 
 def _answer(status: HTTPStatus, kind: str, body: bytes) -> Response:
