@@ -237,3 +237,16 @@ def test_interval_of_the_ring_knows_what_swings_with_it(swing):
         found, stated, _ = remove_swing(rings)
         inside.append(np.mean(np.abs(found - true) < 1.645 * stated))
     assert 0.87 < np.mean(inside) < 0.95
+
+
+@pytest.mark.slow
+def test_a_car_without_a_gyro_is_refused(tmp_path):
+    """Its heading is computed from the steering: the tape was up to 2 % short, unnoticed."""
+    measured(f"{URL}1", tmp_path / "control", distance=1.0)
+    url = f"{URL}1&fail=imu:off@0s"
+
+    def do_without(backend):
+        backend.car_toml = backend.car_toml.replace("required = true", "required = false")
+
+    with pytest.raises(CalibrationFailed, match="no data of the IMU"):
+        measured(url, tmp_path, alter=do_without, distance=1.0)

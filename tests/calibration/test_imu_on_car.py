@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fit_graphs import distance_from_fit
 
-from dart_hal.calibration.imu import calibrate_imu
+from dart_hal.calibration.imu import PULLS, calibrate_imu
 from dart_hal.calibration.imu_fit import GyroRest, MeasuredTurn, fit_axis, measure_rest, yaw_bias
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.sensor_log import ImuSamples
@@ -16,7 +16,7 @@ from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.frames import Mounting
-from dart_lab.sim.truth import reveal
+from dart_lab.sim.truth import reveal, world_of
 
 URL = "sim://?nano=mock&seed="
 
@@ -43,6 +43,27 @@ def test_hidden_cars(tmp_path, seed):
     assert scale.std < 0.0015
     assert distance_from_fit(result.graph) < 0.1
     assert np.ptp(result.graph.x) > 2.0, "the car speeds up and slows down"
+
+
+@pytest.mark.slow
+def test_each_straight_acceleration_begins_at_the_start(tmp_path):
+    """Driven one after the other, three needed 5.4 m of a floor of 3 m."""
+    backend = open_backend(f"{URL}1")
+    world = world_of(backend)
+    starts = []
+    mark = backend.workshop.mark
+
+    def mark_start():
+        starts.append(world.truth().distance)
+        mark()
+
+    backend.workshop.mark = mark_start
+    with Car.over(backend, cars=tmp_path) as car:
+        calibrate_imu(car, backend.workshop, turns=1)
+        ends = [*starts[1:], world.truth().distance]
+    farthest = [end - start for start, end in zip(starts[2:], ends[2:], strict=True)]
+    assert len(farthest) == PULLS
+    assert max(farthest) < 2.0
 
 
 def test_control_an_uncalibrated_imu_misses_the_target():

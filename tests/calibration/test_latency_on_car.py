@@ -10,9 +10,11 @@ from fit_graphs import distance_from_fit
 from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.latency_fit import GRID_STEP, mean_pulse
 from dart_hal.calibration.latency_log import PwmGrid, Traffic, TrafficLog, assume_grid
-from dart_hal.calibration.measured import write
+from dart_hal.calibration.measured import Measured, write
 from dart_hal.car import Car
 from dart_hal.control.tuning import make_speed_response
+from dart_hal.core.config import Quantity
+from dart_hal.core.config.calibration import Calibration
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -197,3 +199,14 @@ def test_rates_that_a_state_withholds_are_in_the_log(tmp_path):
     ahead = np.abs(logged - np.array(shown[-len(logged):], dtype=float))
     assert np.nanmedian(ahead) < 1e-3
     assert 0 < np.count_nonzero(ahead > 0.03) < 20
+
+
+def test_a_servo_without_lag_removes_the_old_lag():
+    """The controllers used the lag of the servo before."""
+    old = Calibration(car="one").with_quantities({"latency.pulse_to_yaw_lag": Quantity(0.08, 0.003),
+                                              "latency.pulse_to_yaw": Quantity(0.1, 0.003)})
+    found = Measured("one", "test", "latency", {"latency.pulse_to_yaw": Quantity(0.02, 0.001)}, "",
+                     1.0, absent=("latency.pulse_to_yaw_lag",))
+    new = found.put_into(old)
+    assert new.latency.pulse_to_yaw_lag is None
+    assert new.latency.pulse_to_yaw.value == 0.02

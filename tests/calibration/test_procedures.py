@@ -11,7 +11,13 @@ from dart_hal.calibration.procedure import Condition, Procedure, ProcedurePlan
 from dart_hal.car import Car
 from dart_hal.core.config import load_car
 from dart_hal.core.config.calibration import Calibration
-from dart_hal.core.errors import CalibrationFailed, ConfigError, LinkLost, PluginFailed
+from dart_hal.core.errors import (
+    CalibrationFailed,
+    ConfigError,
+    LinkLost,
+    PluginFailed,
+    UsageError,
+)
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
@@ -142,3 +148,16 @@ def test_the_plan_is_shown_as_a_question():
     with Car.open("sim://?nano=mock") as car:
         quiet(car, ask=lambda question: questions.append(question) or True)
     assert questions == ["This waits. Is the car at rest?"]
+
+
+@pytest.mark.parametrize(("name", "options", "found"), [
+    ("encoder", {"distance": 300.0}, "300"), ("encoder", {"runs": 0}, "0"),
+    ("throttle", {"room": -3.0}, "-3"), ("imu", {"turns": 0}, "0"),
+    ("steering", {"speeds": (0.35, 2.0)}, "2.0"), ("steering", {"speeds": (0.4, 0.4)}, "0.4"),
+    ("encoder", {"distance": float("nan")}, "nan"), ("clock", {"frequency": 50.2}, "")])
+def test_options_outside_their_limits_are_refused_in_python_too(name, options, found):
+    """A distance in centimetres drove on for 300 m."""
+    with (Car.open("sim://?nano=mock") as car, pytest.raises(UsageError) as error):
+        order.load_procedure(name)(car, None, **options)
+    assert found in str(error.value)
+    assert car.mode == "CLOSED"

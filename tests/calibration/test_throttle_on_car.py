@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 from esc_pin import FRAMES, PULLS, Watched, without_stop
+from scipy.optimize import brentq
 
 from dart_hal.calibration import brake
 from dart_hal.calibration.measured import write
@@ -17,12 +19,19 @@ from dart_hal.calibration.throttle import (
     HeldSpeed,
     calibrate_throttle,
     make_table,
+    plan,
+    select_brake_speed,
     select_speeds,
 )
 from dart_hal.car import Car
-from dart_hal.core.config import Quantity
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.config import Quantity, load_car, save_model
+from dart_hal.core.errors import CalibrationFailed, UsageError
+from dart_hal.core.url import Url
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.motor import make_drive
 from dart_lab.sim.esc import EscMode
+from dart_lab.sim.truth import reveal_url
 from studies.calibration.hidden_errors import errors, holding_pulse, worst
 
 URL = "sim://?nano=mock&seed="
@@ -59,9 +68,9 @@ def measured(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_pulses_of_a_hidden_car_are_found(measured):
-    _, result, watched = measured
+    files, result, watched = measured
     table = result.others[DRIVE]
-    assert len(table.speed) == len(select_speeds(2.5)) == 2
+    assert len(table.speed) == len(select_speeds(2.5, files)) == 2
     for speed, pulse, std in zip(table.speed, table.pulse_us, table.std_us, strict=True):
         assert abs(pulse - holding_pulse(6, speed)) < 3.5 * std
         assert std < 1.0
@@ -261,7 +270,48 @@ def test_interval_of_a_point_is_what_its_parts_make_it(measured):
     assert 0.85 < np.mean(np.abs(z) < 1.645) < 0.95
 
 
+def change(files, section, **values):
+    part = msgspec.structs.replace(getattr(files.config, section), **values)
+    return replace(files, config=msgspec.structs.replace(files.config, **{section: part}))
+
+
 def test_room_and_speeds_agree():
-    assert select_speeds(2.4) == ()
-    assert select_speeds(4.0)[-1] == 1.0
-    assert select_speeds(12.0)[-1] == 2.5
+    files = load_car("dart-01")
+    assert select_speeds(2.4, files) == ()
+    assert select_speeds(4.0, files)[-1] == 1.0
+    assert select_speeds(12.0, files)[-1] == 2.5
+
+
+def test_a_limit_of_the_speed_is_kept_and_too_low_a_one_refused():
+    files = load_car("dart-01")
+    slow = change(files, "limits", max_speed=1.0)
+    assert max(select_speeds(12.0, slow)) == 1.0
+    assert select_brake_speed(12.0, slow) <= 1.0 < select_brake_speed(12.0, files)
+    for room in (12.0, 0.0):
+        with pytest.raises(UsageError, match=r"max_speed = 0\.4"):
+            plan(change(files, "limits", max_speed=0.4), room)
+
+
+def test_a_heavier_car_needs_more_floor_and_a_longer_one_larger_circles():
+    files = load_car("dart-01")
+    assert max(select_speeds(4.0, change(files, "geometry", mass=3.3))) < 1.0
+    longer = change(files, "geometry", wheelbase=0.348, l_f=0.174, l_r=0.174)
+    assert plan(longer, 0.0).floor[0] == pytest.approx(2.0 * plan(files, 0.0).floor[0], abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_car_of_twice_the_mass_is_measured_by_its_own_slope(tmp_path):
+    """With the paper's mass the pulses of its circles were eight standard errors off."""
+    body = replace(PAPER.body, mass=3.3, yaw_inertia=0.013)
+    delay = replace(PAPER.delay, steering_s=0.02)
+    heavy = save_model(model_of(replace(PAPER, body=body, delay=delay)), tmp_path / "heavy.toml")
+    watched = Driven(f"{URL}1&vehicle={heavy}", tmp_path)
+    table = watched.calibrate(room=0.0).others[DRIVE]
+    vehicle = watched.world.car.vehicle
+    drive = make_drive(vehicle.duty_motor, vehicle.friction)
+    truth = reveal_url(Url.parse(f"{URL}1&vehicle={heavy}"))["sensors"]
+    for speed, pulse, std in zip(table.speed, table.pulse_us, table.std_us, strict=True):
+        share = brentq(lambda tau, v=speed: drive(tau, v), 0.01, 1.0)
+        right = truth["throttle.neutral_us"] + truth["throttle.saturation_us"] * share
+        assert abs(pulse - right) < 3.0 * std
+    watched.car.close()

@@ -24,8 +24,8 @@ from .imu_fit import (
     yaw_bias,
 )
 from .measured import Measured, map_outdated
-from .procedure import Bench, Option, Procedure, ProcedurePlan
-from .runner import CalibrationRunner, driving
+from .procedure import Bench, Option, Procedure, ProcedurePlan, scale_floor
+from .runner import CalibrationRunner, driving, no_imu_error
 from .sensor_log import ImuSamples, SensorLog
 from .steering import estimate_bias
 from .straight import rest, roll
@@ -54,11 +54,13 @@ MAX_TURN_TIME = 40.0
 def plan(files: CarFiles, turns: int = DEFAULT_TURNS) -> ProcedurePlan:
     """Describe what ``measure`` does."""
     seconds = REST_TIME + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
+    floor = scale_floor(IMU_FLOOR, files)
     return ProcedurePlan(
         f"rests for {REST_TIME:.0f} s, circles {turns} times to the left and {turns} times to "
-        f"the right, then accelerates straight {PULLS} times, to measure bias, scale and "
-        f"mounting of the gyro: about {seconds:.0f} s, a level floor of {IMU_FLOOR[0]:g} m x "
-        f"{IMU_FLOOR[1]:g} m, chalk and a protractor (or a line to return to)", seconds, IMU_FLOOR)
+        f"the right, then accelerates straight {PULLS} times, each from the start, to measure "
+        f"bias, scale and mounting of the gyro: about {seconds:.0f} s without carrying it back, a "
+        f"level floor of {floor[0]:g} m x {floor[1]:g} m, chalk and a protractor (or a line to "
+        "return to)", seconds, floor)
 
 
 def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
@@ -84,6 +86,7 @@ def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
     pulls = []
     for k in range(PULLS):
         progress(0.8 + 0.2 * k / PULLS, f"straight acceleration {k + 1} of {PULLS}")
+        workshop.mark()
         with explain_standstill(car, workshop):
             pulls.append(_drive_pull(car, log))
     bias = yaw_bias(still, mounting.axis)
@@ -136,7 +139,7 @@ def _hold_until_turned(runner: CalibrationRunner, pulse: float, first: State, st
     while abs(state.pose.yaw - first.pose.yaw) < 2.0 * math.pi * turns:
         state = runner.hold(0.0, pulse, TURN_SPEED)[-1]
         if state.health.imu_age > MAX_IMU_AGE:
-            raise _no_imu_data(f"the latest sample is {state.health.imu_age:.1f} s old")
+            raise no_imu_error(f"the latest sample is {state.health.imu_age:.1f} s old")
         if state.t > limit:
             raise CalibrationFailed(
                 "the circle does not close",
@@ -158,14 +161,8 @@ def take_samples(log: SensorLog) -> ImuSamples:
     """Take the samples since the last call. Raises CalibrationFailed for almost none."""
     samples = log.take()
     if samples is None:
-        raise _no_imu_data("almost no samples")
+        raise no_imu_error("almost no samples")
     return samples
-
-
-def _no_imu_data(found: str) -> CalibrationFailed:
-    return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
-                             likely="IMU unplugged, or reset by a voltage drop",
-                             remedy="dart-hal doctor")
 
 
 calibrate_imu = Procedure(

@@ -32,7 +32,7 @@ from .latency_log import (
     measure_grid,
 )
 from .measured import Measured
-from .procedure import Bench, Procedure, ProcedurePlan
+from .procedure import Bench, Procedure, ProcedurePlan, scale_floor
 from .runner import CalibrationRunner, check_turning, driving, encoder_doubt
 from .steering import estimate_bias
 
@@ -79,14 +79,15 @@ def plan(files: CarFiles) -> ProcedurePlan:
     still = CAPTURE_TRIALS * (CAPTURE_WAIT + 0.2)
     seconds = (still + THROTTLE_REPEATS * (UP_DURATION + DOWN_DURATION) + STAIRS_ROUNDS * 5.5
                + 12.0)
+    floor = scale_floor(LATENCY_FLOOR, files)
     return ProcedurePlan(
         f"rests for {still:.0f} s, then circles to the left on {CIRCLE_RADIUS:g} m with "
         f"{THROTTLE_REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
         f"{STAIRS_ROUNDS * len(STAIRS)} steps of the steering, to measure the delays of the car: "
         f"about {seconds:.0f} s, or a minute more at rest in between, a floor of "
-        f"{LATENCY_FLOOR[0]:g} m x {LATENCY_FLOOR[1]:g} m, mostly to its left, no tools; a wire "
+        f"{floor[0]:g} m x {floor[1]:g} m, mostly to its left, no tools; a wire "
         f"from channel {files.config.pwm.clock_channel} to the Nano's D8 shows the pulses",
-        seconds, LATENCY_FLOOR)
+        seconds, floor)
 
 
 def measure(bench: Bench) -> Measured:
@@ -120,7 +121,8 @@ def measure(bench: Bench) -> Measured:
     return Measured(files.config.name, bench.source, "latency",
                     _quantities(grid, wheel, yaw, at_rest),
                     f"residuals: edges {1e3 * wheel.rms:.2f} mm rms, yaw rate {yaw.rms:.4f} rad/s "
-                    "rms", float(seconds), _notes(files, grid, yaw), graph=yaw.graph)
+                    "rms", float(seconds), _notes(files, grid, yaw), graph=yaw.graph,
+                    absent=() if yaw.lag is not None else ("latency.pulse_to_yaw_lag",))
 
 
 def _quantities(grid: PwmGrid, wheel: WheelDelay, yaw: YawDelay, at_rest: Traffic

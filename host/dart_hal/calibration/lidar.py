@@ -18,7 +18,7 @@ from .lidar_fit import DEFAULT_GYRO_STD, LidarDrive, LidarFit, fit_lidar, rotati
 from .measured import Measured
 from .mocap import CIRCLE_SPEEDS, drive_circles
 from .mocap_fit import graph_places
-from .procedure import Bench, Procedure, ProcedurePlan
+from .procedure import Bench, Procedure, ProcedurePlan, scale_floor
 from .runner import driving
 
 # (m/s, to the left). Only one change of side, at low speed: each moves the car on, and rooms are
@@ -41,11 +41,12 @@ LIDAR_KEYS = {"x": "mount_x", "y": "mount_y", "yaw": "mount_yaw", "scale": "scal
 
 def plan(files: CarFiles) -> ProcedurePlan:
     """Describe what ``measure`` does."""
+    floor = scale_floor(LIDAR_FLOOR, files)
     return ProcedurePlan(
         f"circles at {CIRCLE_SPEEDS[0]} and {CIRCLE_SPEEDS[1]} m/s to the left and to the right, "
         "twice each, to measure the mounting pose and the scale of the lidar: about 55 s, a floor "
-        f"of {LIDAR_FLOOR[0]:g} m x {LIDAR_FLOOR[1]:g} m in a room with a map, no tools",
-        55.0, LIDAR_FLOOR)
+        f"of {floor[0]:g} m x {floor[1]:g} m in a room with a map, no tools",
+        55.0, floor)
 
 
 def measure(bench: Bench) -> Measured:

@@ -68,7 +68,8 @@ class Measured:
 
     verb: as in ``calibrate VERB``. quantities: by their names in calibration.toml. residual: a
     sentence on how well the measurements agree. duration [s] of car time. others: values that are
-    not quantities, by their names in calibration.toml. graph: data and fit, for the page.
+    not quantities, by their names in calibration.toml. absent: names that were looked for and are
+    not there: older values are removed. graph: data and fit, for the page.
     """
 
     car: str
@@ -80,6 +81,7 @@ class Measured:
     notes: tuple[str, ...] = ()
     written: str | None = None
     others: Mapping[str, str | DriveTable] = field(default_factory=dict)
+    absent: tuple[str, ...] = ()
     graph: FitGraph | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -129,9 +131,9 @@ class Measured:
                         *indent(self.notes)))
 
     def put_into(self, calibration: Calibration) -> Calibration:
-        """Add the rounded quantities and the other values."""
+        """Add the rounded quantities and the other values, and remove those that are absent."""
         new = calibration.with_quantities({name: _round(q) for name, q in self.quantities.items()})
-        for name, value in self.others.items():
+        for name, value in (*self.others.items(), *dict.fromkeys(self.absent).items()):
             # A name is "table.key".
             table, _, key = name.partition(".")
             inner = msgspec.structs.replace(getattr(new, table), **{key: value})

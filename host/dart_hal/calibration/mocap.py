@@ -20,7 +20,7 @@ from dart_hal.estimation.source_clock import to_car_time
 
 from .measured import Measured
 from .mocap_fit import BLOCK_DURATION, MARKER_KEYS, MarkerTrack, fit_marker, graph_places
-from .procedure import Bench, Procedure, ProcedurePlan, Progress
+from .procedure import Bench, Procedure, ProcedurePlan, Progress, scale_floor
 from .runner import CalibrationRunner, driving
 from .straight import rest
 
@@ -44,11 +44,12 @@ MAX_POSE_WAIT = 2.0
 
 def plan(files: CarFiles) -> ProcedurePlan:
     """Describe what ``measure`` does."""
+    floor = scale_floor(MOCAP_FLOOR, files)
     return ProcedurePlan(
         f"circles at {CIRCLE_SPEEDS[0]} and {CIRCLE_SPEEDS[1]} m/s to the left and to the right, "
         f"{CIRCLE_ROUNDS} times, to measure the place of the marker and the delay of the external "
-        f"poses: about 55 s, a floor of {MOCAP_FLOOR[0]:g} m x {MOCAP_FLOOR[1]:g} m in view of "
-        "the source, no tools", 55.0, MOCAP_FLOOR)
+        f"poses: about 55 s, a floor of {floor[0]:g} m x {floor[1]:g} m in view of "
+        "the source, no tools", 55.0, floor)
 
 
 def measure(bench: Bench) -> Measured:

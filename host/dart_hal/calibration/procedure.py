@@ -7,15 +7,17 @@ packages (entry points ``dart_hal.procedures``). ``calibrate all``, the commands
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from dart_hal.core.config import CarFiles
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.ports import Workshop
+from dart_hal.vehicle.sets import PAPER
 
 from .result import Result
 
@@ -68,6 +70,18 @@ class Option:
     high: float
     metavar: str | None = None
     above_low: bool = False
+
+    def check(self, value: float | Sequence[float] | None) -> None:
+        """Raise UsageError for a value outside the limits; None, not given, is none."""
+        if value is None and self.default is None:
+            return
+        numbers = value if isinstance(value, Sequence) else (value,)
+        if not all(isinstance(number, int | float) and self.low <= number <= self.high
+                   and not (self.above_low and number == self.low) for number in numbers):
+            unit = f" {self.unit}" if self.unit else ""
+            raise UsageError(f"{self.name} is outside its limits", found=repr(value),
+                             expected=f"{'more than ' if self.above_low else ''}{self.low:g} to "
+                                      f"{self.high:g}{unit}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,9 +169,13 @@ class Procedure(Generic[R]):
                  **options: Any) -> R:
         """Measure on an open car and return the result; it is written by ``measured.write``.
 
-        Raises CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+        Raises CalibrationFailed (with the likely cause), UsageError for an option outside its
+        limits, LinkLost, NotArmed.
         """
         options = {**self.defaults, **options}
+        for option in self.options:
+            option.check(options[option.name])
+        self.check(**{option.name: options[option.name] for option in self.options})
         plan = self.plan(car.files, **options)
         if plan is not None:
             begin(ask, plan, self.condition.value)
@@ -168,6 +186,16 @@ class Procedure(Generic[R]):
     def defaults(self) -> dict[str, Any]:
         """The options with their default values."""
         return {option.name: option.default for option in self.options}
+
+
+def scale_floor(floor: tuple[float, float], files: CarFiles) -> tuple[float, float]:
+    """Return the floor [m] that a car needs where a car of the paper's wheelbase needs ``floor``.
+
+    Radii of circles grow with the wheelbase.
+    """
+    ratio = max(files.config.geometry.wheelbase / PAPER.body.wheelbase, 1.0)
+    return (math.ceil(10.0 * ratio * floor[0] - 1e-6) / 10.0,
+            math.ceil(10.0 * ratio * floor[1] - 1e-6) / 10.0)
 
 
 def begin(ask: Ask, plan: object, ready: str = Condition.FREE_FLOOR.value) -> None:

@@ -53,8 +53,10 @@ class CalibrationRunner:
     def __init__(self, car: DrivableCar) -> None:
         files = car.files
         self._car = car
+        # Beyond the limit of the car, which clips the pulse, the integral would wind up.
         self._law = SpeedLaw(PAPER, k_p=CALIBRATION_K_P,
-                             max_throttle=CALIBRATION_MAX_THROTTLE)
+                             max_throttle=min(CALIBRATION_MAX_THROTTLE,
+                                              files.config.limits.max_throttle))
         self._neutral = files.neutral_us
         self._span = files.config.throttle.span_us
         self._last: float | None = None
@@ -150,6 +152,13 @@ def backward_error(found: str) -> CalibrationFailed:
         likely="the motor's leads are swapped, or the IMU is turned by 180 degrees (push the "
                "car forward by hand: accel_x must be positive)",
         remedy="swap the two leads of the motor, or mount_yaw = 3.1416 under [imu]")
+
+
+def no_imu_error(found: str) -> CalibrationFailed:
+    """Make the error for an IMU that sends nothing."""
+    return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
+                             likely="IMU unplugged, or reset by a voltage drop",
+                             remedy="dart-hal doctor")
 
 
 def encoder_doubt(state: State) -> NoMotion:

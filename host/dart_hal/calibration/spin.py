@@ -20,6 +20,7 @@ from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.frames import Sample
 
 from .by_hand import diagnose_no_edges
+from .runner import no_imu_error
 from .sensor_log import SensorLog
 
 # s without an edge after which turning wheels count as stopped.
@@ -147,11 +148,8 @@ class Spinner:
             if "CAR_MOVES" not in self._car.causes:
                 raise
             if state.accel_x is None:
-                raise CalibrationFailed(
-                    "no data of the IMU", found="its samples are not valid",
-                    expected="100 samples per second, to check that the car is at rest",
-                    likely="IMU unplugged, or reset by a voltage drop", remedy="dart-hal doctor"
-                ) from error
+                raise no_imu_error("its samples are not valid, so nothing shows that the car is at "
+                                   "rest") from error
             raise _not_lifted("the IMU measures motion") from error
 
     def _make_span(self, pulse_us: float, pairs: Sequence[tuple[Sample, State]]) -> PulseSpan:

@@ -15,7 +15,7 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Doubt, Pose, State
 from dart_hal.vehicle.sets import PAPER
 
-from .runner import CalibrationRunner, check_pull
+from .runner import CalibrationRunner, check_pull, no_imu_error
 
 # rad/rad and rad/m: the offset y follows y'' + 1.6 y' + 0.35 y = 0 at 0.35 m/s, overdamped.
 HEADING_GAIN = 0.8
@@ -29,6 +29,9 @@ MAX_CORRECTION = 0.5
 MAX_HEADING_ERROR = 0.7
 # Without the gyro, the heading of the State is computed from the steering, not measured.
 GYRO_DOUBTS = frozenset({Doubt.IMU_DISAGREES.value, Doubt.IMU_ZERO.value})
+# s without a yaw rate after which the heading is not measured any more: with it computed from the
+# steering, a tape along the chord was up to 2 % short and nothing showed it.
+MAX_IMU_SILENCE = 0.2
 # s without an edge that count as rest.
 REST_DURATION = 0.5
 # s, longest wait until the car has come to rest.
@@ -65,9 +68,12 @@ class LineKeeper:
     def pulse(self, state: State) -> float:
         """Return the steering pulse [us] back to the line.
 
-        Raises CalibrationFailed for a large heading error, and for doubts about the gyro: the
-        odometry ignores a gyro that contradicts the steering, so the heading would not show it.
+        Raises CalibrationFailed for a large heading error, and without a gyro or with doubts about
+        it: the odometry ignores a gyro that contradicts the steering, so the heading would not show
+        it.
         """
+        if state.yaw_rate is None and state.health.imu_age > MAX_IMU_SILENCE:
+            raise no_imu_error(f"no yaw rate for {state.health.imu_age:.1f} s")
         start, pose = self._start, state.pose
         yaw = pose.yaw - start.yaw
         doubts = sorted(name for name in state.health.doubts if name in GYRO_DOUBTS)

@@ -21,18 +21,26 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, DriveTable, Quantity
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import INTERVAL_90, FloatArray, State
-from dart_hal.vehicle.parameters import PaperTyres
+from dart_hal.vehicle.parameters import Body, PaperTyres
 from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.sizes import body_of
 
 from . import brake
 from .by_hand import check_wheels_by_hand, explain_standstill
 from .clock import UNMEASURED_CLOCK_STD
 from .measured import Measured
-from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress
-from .runner import CalibrationRunner, NoMotion, backward_error, driving, yaw_rates
+from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress, scale_floor
+from .runner import (
+    CalibrationRunner,
+    NoMotion,
+    backward_error,
+    driving,
+    no_imu_error,
+    yaw_rates,
+)
 from .sensor_log import SensorLog
 from .spin import edge_distances
 from .straight import LineKeeper, rest
@@ -72,6 +80,14 @@ MIN_INERTIAL_SHARE = 0.5
 # Relative errors of the paper's motor (of the part subtracted for the acceleration) and of its
 # tyres in a circle.
 MOTOR_MODEL_STD = 0.1
+# Power of the mass, over the paper's, with which the floor of a straight run grows: the speed loop
+# overshoots with a heavier car. One of twice the mass needed 1.45 times the floor.
+MASS_EXPONENT = 0.6
+# us between two trials from which their accelerations show the slope of the motor: with less, the
+# errors of the accelerations decide.
+MIN_PULSE_CHANGE = 4.0
+# Ratio of that slope to the paper's, or the reverse, beyond which it is taken for an error.
+MAX_SLOPE_RATIO = 5.0
 TYRE_DRAG_STD = 0.3
 # Frames of the steady loop whose mean is the constant pulse.
 STEADY_FRAMES = 40
@@ -106,47 +122,70 @@ def _acceleration_time(speed: float) -> float:
     return ACCELERATION_TIME[0] + ACCELERATION_TIME[1] * speed
 
 
-def floor_for(speed: float) -> float:
-    """Length of straight floor [m] for one speed [m/s], from rest to rest."""
+def floor_for(speed: float, mass: float = PAPER.body.mass) -> float:
+    """Length of straight floor [m] for one speed [m/s], from rest to rest; mass [kg] of the car."""
     measured = min(max(MEASURED_LENGTH / speed, MEASURED_LENGTH), MAX_MEASURED_TIME)
     duration = (_acceleration_time(speed) + LOOP_SETTLING + TRIAL_TIME + 2.0 * PULSE_DELAY
                 + measured)
-    return speed * duration + speed**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN
+    length = speed * duration + speed**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN
+    return length * float(max(mass / PAPER.body.mass, 1.0)**MASS_EXPONENT)
 
 
-def select_speeds(room: float) -> tuple[float, ...]:
-    """Speeds [m/s] that fit on a straight floor of length ``room`` [m]; () below 2.5 m."""
-    return tuple(v for v in STRAIGHT_SPEEDS if floor_for(v) <= room) if room >= MIN_ROOM else ()
+def select_speeds(room: float, files: CarFiles) -> tuple[float, ...]:
+    """Speeds [m/s] that fit on a straight floor of length ``room`` [m]; () if fewer than two do.
+
+    Raises UsageError if the car's ``max_speed`` leaves fewer than two.
+    """
+    mass = files.config.geometry.mass
+    fitting = tuple(v for v in STRAIGHT_SPEEDS if floor_for(v, mass) <= room)
+    if room < MIN_ROOM or len(fitting) < 2:
+        return ()
+    max_speed = files.config.limits.max_speed
+    _check_max_speed(max_speed, STRAIGHT_SPEEDS[1])
+    return tuple(v for v in fitting if v <= max_speed)
 
 
-def select_brake_speed(room: float) -> float:
+def _check_max_speed(max_speed: float, needed: float) -> None:
+    """Raise UsageError if the car's limit is below the speed [m/s] that is needed."""
+    if max_speed < needed:
+        raise UsageError("the car may not drive as fast as this needs",
+                         found=f"max_speed = {max_speed:g} under [limits] of car.toml",
+                         expected=f"{needed:g} m/s or more",
+                         remedy="raise it for the calibration")
+
+
+def select_brake_speed(room: float, files: CarFiles) -> float:
     """Speed [m/s] from which the car brakes on a straight floor of length ``room`` [m].
 
     The floor is long enough for a car without a brake.
     """
-    fitting = [v for v in STRAIGHT_SPEEDS if v <= brake.MAX_START_SPEED
-               and v * (_acceleration_time(v) + LOOP_SETTLING + PULSE_DELAY)
-               + v**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN <= room]
+    longer = max(files.config.geometry.mass / PAPER.body.mass, 1.0)**MASS_EXPONENT
+    fastest = min(brake.MAX_START_SPEED, files.config.limits.max_speed)
+    fitting = [v for v in STRAIGHT_SPEEDS if v <= fastest
+               and longer * (v * (_acceleration_time(v) + LOOP_SETTLING + PULSE_DELAY)
+                             + v**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN) <= room]
     return fitting[-1]
 
 
 def plan(files: CarFiles, room: float = DEFAULT_ROOM) -> ProcedurePlan:
     """Describe what ``measure`` does."""
-    speeds = select_speeds(room)
+    speeds = select_speeds(room, files)
     if not speeds:
+        _check_max_speed(files.config.limits.max_speed, CIRCLE_TARGETS[-1])
+        floor = scale_floor(CIRCLE_FLOOR, files)
         seconds = 2 * len(CIRCLE_TARGETS) * (CIRCLE_SETTLING + LOOP_SETTLING + TRIAL_TIME
                                              + CIRCLE_MEASURED_TIME) + 15.0
         return ProcedurePlan(
             f"circles at {CIRCLE_TARGETS[0]} to {CIRCLE_TARGETS[-1]} m/s to measure the pulse "
             f"that keeps each speed: about {seconds:.0f} s, a level floor of "
-            f"{CIRCLE_FLOOR[0]:g} m x {CIRCLE_FLOOR[1]:g} m; no tools", seconds, CIRCLE_FLOOR)
+            f"{floor[0]:g} m x {floor[1]:g} m; no tools", seconds, floor)
     braking = len(brake.choose_parts(files))
     seconds = (THROTTLE_RUNS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
                + braking * BRAKING_RUN_TIME)
     return ProcedurePlan(
         f"drives straight {THROTTLE_RUNS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s "
         f"to measure the pulse that keeps each speed, brakes {braking} times from "
-        f"{select_brake_speed(room)} m/s: about {seconds:.0f} s without carrying it "
+        f"{select_brake_speed(room, files)} m/s: about {seconds:.0f} s without carrying it "
         f"back, a level floor of {room:.1f} m x 1 m; chalk for the start", seconds, (room, 1.0))
 
 
@@ -157,6 +196,7 @@ def measure(bench: Bench, room: float = DEFAULT_ROOM) -> Measured:
     """
     car = bench.car
     files = bench.files
+    speeds = select_speeds(room, files)
     workshop = bench.workshop
     progress = bench.progress
     log = SensorLog(car)
@@ -167,7 +207,7 @@ def measure(bench: Bench, room: float = DEFAULT_ROOM) -> Measured:
         with explain_standstill(car, workshop):
             progress(0.05, "checking the direction")
             _check_direction(car)
-            if select_speeds(room):
+            if speeds:
                 held = _drive_straight(car, workshop, log, room, progress)
                 found, note = _brake_straight(car, workshop, log, room, progress)
             else:
@@ -176,7 +216,7 @@ def measure(bench: Bench, room: float = DEFAULT_ROOM) -> Measured:
     finally:
         car.stop()
     table, residual = make_table(held, files)
-    where = f"{room:.1f} m straight" if select_speeds(room) else "circles of 1 m"
+    where = f"{room:.1f} m straight" if speeds else "circles of 1 m"
     return Measured(
         files.config.name, bench.source, "throttle",
         {"throttle.brake": found} if found else {}, residual,
@@ -196,7 +236,9 @@ def _check_direction(car: Car) -> None:
     """
     center = car.files.config.steering.center_us
     with driving(car) as runner:
-        still = runner.hold(0.3, center, 0.0)
+        still = [s for s in runner.hold(0.3, center, 0.0) if s.accel_x is not None]
+        if not still:
+            raise no_imu_error("no acceleration in 0.3 s")
         offset = float(np.mean([s.accel_x or 0.0 for s in still]))
         inertial = 0.0
         states = still[-1:]
@@ -223,7 +265,7 @@ def _check_direction(car: Car) -> None:
 def _drive_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
                     progress: Progress) -> list[HeldSpeed]:
     held = []
-    runs = [v for v in select_speeds(room) for _ in range(THROTTLE_RUNS)]
+    runs = [v for v in select_speeds(room, car.files) for _ in range(THROTTLE_RUNS)]
     for k, speed in enumerate(runs):
         progress(0.1 + 0.8 * k / len(runs), f"{speed} m/s, run {k + 1} of {len(runs)}")
         with _driving_straight(car, workshop, speed) as hold:
@@ -235,7 +277,7 @@ def _drive_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
 def _brake_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
                     progress: Progress) -> tuple[Quantity | None, str]:
     """Drive at one speed and brake, several times; see ``brake``."""
-    speed = select_brake_speed(room)
+    speed = select_brake_speed(room, car.files)
     parts = brake.choose_parts(car.files)
     if not parts:
         return None, "no brake is measured: [limits] min_throttle is 0"
@@ -302,25 +344,44 @@ def _measure_speed(hold: HoldSpeed, log: SensorLog, target: float, files: CarFil
     """Measure the pulse at one speed.
 
     1. Average the pulse of the steady loop, and hold it for a moment.
-    2. Correct it by the acceleration that it caused: force = mass x acceleration = slope x pulse.
-    3. Hold the corrected pulse for ``seconds``, and correct once more.
+    2. Correct it by the acceleration that it caused, by the slope of the paper's motor.
+    3. Hold the corrected pulse for ``seconds``, and correct once more: by the slope that the two
+       pulses show, if they differ enough, for the motor and mass of this car may be others.
     4. Subtract what the tyres take in a turn.
     """
+    body = body_of(files.config.geometry)
     states = hold(LOOP_SETTLING, None)[-STEADY_FRAMES:]
     pulse = float(np.mean([s.applied.throttle_us for s in states]))
+    motor = PAPER.duty_motor
+    tried: list[tuple[float, float]] = []  # pulse [us], acceleration [m/s2]
     for duration in (TRIAL_TIME, seconds):
         constant = pulse
         hold(PULSE_DELAY, constant)
         log.pairs()
         states = hold(duration, constant)
         speed, acceleration = _fit_motion(log, target, duration, files)
-        motor = PAPER.duty_motor
-        force_per_us = (motor.d - motor.e * speed) / files.config.throttle.span_us
-        correction = PAPER.body.mass * acceleration / force_per_us
+        slope = (motor.d - motor.e * speed) / (files.config.throttle.span_us * body.mass)
+        tried.append((constant, acceleration))
+        if len(tried) > 1:
+            slope = _measure_slope(tried, slope)
+        correction = acceleration / slope
         pulse = constant - correction
-    turning = _tyre_drag(speed, float(np.mean(yaw_rates(states) or [0.0]))) / force_per_us
+    rate = float(np.mean(yaw_rates(states) or [0.0]))
+    turning = _tyre_drag(speed, rate, body) / (slope * body.mass)
     return HeldSpeed(target, speed, pulse - turning,
                      math.hypot(MOTOR_MODEL_STD * correction, TYRE_DRAG_STD * turning))
+
+
+def _measure_slope(tried: Sequence[tuple[float, float]], expected: float) -> float:
+    """Return the acceleration per pulse [m/s2/us] by two trials, or the expected one.
+
+    The latter if the pulses hardly differ, or the result is not that of a motor.
+    """
+    (first, before), (second, after) = tried
+    if abs(second - first) < MIN_PULSE_CHANGE:
+        return expected
+    slope = (after - before) / (second - first)
+    return slope if 1.0 / MAX_SLOPE_RATIO < slope / expected < MAX_SLOPE_RATIO else expected
 
 
 def _fit_motion(log: SensorLog, target: float, seconds: float, files: CarFiles
@@ -347,13 +408,12 @@ def _fit_motion(log: SensorLog, target: float, seconds: float, files: CarFiles
     return float(speed), float(acceleration)
 
 
-def _tyre_drag(speed: float, rate: float) -> float:
-    """Force [N] that a steady turn takes from the motor, by the paper's parameters.
+def _tyre_drag(speed: float, rate: float, body: Body) -> float:
+    """Force [N] that a steady turn takes from the motor, by the paper's tyres.
 
     Its parts are the component of the front tyres' side force along the car, and the slip of the
     body. speed [m/s], rate [rad/s].
     """
-    body = PAPER.body
     tyres = PAPER.tyres
     assert isinstance(tyres, PaperTyres)
     lateral = speed * rate
