@@ -61,9 +61,9 @@ def test_each_straight_acceleration_begins_at_the_start(tmp_path):
     with Car.over(backend, cars=tmp_path) as car:
         calibrate_imu(car, backend.workshop, turns=1)
         ends = [*starts[1:], world.truth().distance]
-    farthest = [end - start for start, end in zip(starts[2:], ends[2:], strict=True)]
-    assert len(farthest) == PULLS
-    assert max(farthest) < 2.0
+    distances = [end - start for start, end in zip(starts[2:], ends[2:], strict=True)]
+    assert len(distances) == PULLS
+    assert max(distances) < 2.0
 
 
 def test_control_an_uncalibrated_imu_misses_the_target():

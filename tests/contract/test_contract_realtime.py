@@ -156,13 +156,13 @@ def test_in_a_lasting_fault_driver_and_guard_both_write_no_pulse(served_car, arm
         bus.transfer = write_only
         assert wait_for(lambda: car._engine.driver.applied.throttle_us == 0.0)
         time.sleep(2 * PWM_FRAME)       # both have written since
-        seen = set()
+        off = set()
         for _ in range(50):
-            seen.add(bool(served_car.counts()[1] & OFF))
+            off.add(bool(served_car.counts()[1] & OFF))
             time.sleep(0.5 * PWM_FRAME)
         assert car.mode == "FAULT"
         assert car._engine.driver._guard.tripped
-        assert seen == {True}, "neutral and no pulse alternate"
+        assert off == {True}, "neutral and no pulse alternate"
         bus.transfer = transfer
         assert wait_for(lambda: car.mode == "DISARMED")
         assert wait_for(lambda: not car._engine.driver._guard.tripped)

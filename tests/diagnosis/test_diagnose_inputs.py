@@ -268,10 +268,10 @@ def test_errors_from_the_training_recordings_are_no_prior(drive):
         key: Quantity(plain(entry), 0.02 * abs(plain(entry)) + 1e-4)
         for key, entry in getattr(base, section).items()}
         for section in ("friction", "motor", "steering", "tyres")})
-    seen = msgspec.structs.replace(model, provenance={"files": {"drive": drive.sha256}})
+    fitted = msgspec.structs.replace(model, provenance={"files": {"drive": drive.sha256}})
     inputs = check_inputs([drive], [], PAPER)
     once, again = (diagnose(file, PAPER, inputs.train, inputs.test, only=("grip",))
-                   for file in (model, seen))
+                   for file in (model, fitted))
     assert ["count twice" in " ".join(d.notes) for d in (once, again)] == [False, True]
     assert again.refitted.keys() == once.refitted.keys()
     assert np.median([once.refitted[name].std / again.refitted[name].std

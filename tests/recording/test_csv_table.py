@@ -85,7 +85,7 @@ def test_the_reader_of_the_dart_recordings_takes_the_ten_columns(tmp_path, state
 
 
 def test_a_state_without_a_sample_of_the_imu_holds_the_last_one(tmp_path, state):
-    """0 rad/s in the middle of a bend would be a measurement that nobody made."""
+    """0 rad/s in the middle of a bend would be no measurement."""
     path = tmp_path / "run.dart.csv"
     with DartCsvWriter(path) as writer:
         for k, rate in enumerate((None, 0.7, None, 0.9)):

@@ -36,7 +36,7 @@ def drive_corridor(turn, cell, seed):
              else field.map_of_grid(draw_in_cells(lines, cell, rng)))
     start = tuple(drive.true(float(drive.scans[0].t[-1]) - 0.01).tolist())
     result = run(replace(drive, chart=chart), localiser=Localiser(chart, start))
-    last = [told for told in result.told if told and told.pose][-1]
+    last = [located for located in result.told if located and located.pose][-1]
     along = np.array((c, s))
     error = (np.array((last.pose.x, last.pose.y)) - drive.true(last.t)[:2]) @ along
     return error, float(np.sqrt(along @ last.pose.cov[:2, :2] @ along)), result.nees.mean()

@@ -390,7 +390,7 @@ def test_a_page_that_only_watches_can_stop_and_nothing_else():
 
 
 def leave_during(first, how, requests=1):
-    """Return what happens if the page leaves ``first`` s after it has asked for the wheel."""
+    """Return what happens if the page leaves ``first`` s after it has taken the wheel."""
     seat = AtTheDesk()
     seat.send_message("one", m.Take("right"))
     for _ in range(requests):
