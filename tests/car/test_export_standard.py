@@ -73,6 +73,16 @@ def test_every_odometry_has_its_transforms(bag):
 
 
 @pytest.mark.slow
+def test_the_stamps_of_external_poses_are_on_the_clock_of_the_bag(bag):
+    """That of the motion capture was hours from the others: no filter could match them."""
+    late = [ns - (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec)
+            for topic, ns, m in bag if topic == "/external_pose"]
+    assert len(late) > 100
+    assert min(late) >= 0
+    assert max(late) < 50e6
+
+
+@pytest.mark.slow
 def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
     mount = standard.mount_of(standard._files(RunReader(run[0])))
     mounted = [scan.mounted(mount) for scan in RunReader(run[0]).scans()]

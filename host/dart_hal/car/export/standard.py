@@ -92,6 +92,22 @@ def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
             yield Recorded("/scan", LASER_SCAN_TYPE, message.ns, bytes(raw))
             yield message._replace(topic=RAW_SCAN_TOPIC)
             continue
+        if message.kind == POSE_TYPE:
+            ros_pose = store.deserialize_cdr(message.data, message.kind)
+            frame = ros_pose.header.frame_id
+            stamp = ros_pose.header.stamp
+            # The stamp of a motion capture is of another clock, and one of the lidar begins with
+            # the car's. The time of the message is its arrival.
+            ns = (run.zero_ns + stamp.sec * 10**9 + stamp.nanosec if frame == FRAME
+                  else message.ns - round(1e9 * marker.latency))
+            stamp.sec, stamp.nanosec = divmod(ns, 10**9)
+            yield message._replace(data=bytes(store.serialize_cdr(ros_pose, message.kind)))
+            if odometry:
+                # Odometry at the time of the external pose: both give the frame of odom.
+                at = odometry[max(bisect(odometry, ns, key=lambda one: one[0]) - 1, 0)][1]
+                axle = _planar(ros_pose.pose.pose) @ (Planar() if frame == FRAME else marker.axle)
+                room = [(frame, "odom", axle @ at.inverse())]
+            continue
         yield message
         if message.kind == ODOMETRY_TYPE:
             ros_odometry = store.deserialize_cdr(message.data, message.kind)
@@ -101,16 +117,6 @@ def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
             links = [*room, (header.frame_id, ros_odometry.child_frame_id, here), *fixed]
             yield Recorded("/tf", TF_TYPE, message.ns, bytes(store.serialize_cdr(
                 _transforms(links, header.stamp, store), TF_TYPE)))
-        elif message.kind == POSE_TYPE and odometry:
-            ros_pose = store.deserialize_cdr(message.data, message.kind)
-            frame = ros_pose.header.frame_id
-            stamp = ros_pose.header.stamp
-            ns = (run.zero_ns + stamp.sec * 10**9 + stamp.nanosec if frame == FRAME
-                  else message.ns - round(1e9 * marker.latency))
-            # Odometry at the time of the external pose: both together give the frame of odom.
-            at = odometry[max(bisect(odometry, ns, key=lambda one: one[0]) - 1, 0)][1]
-            axle = _planar(ros_pose.pose.pose) @ (Planar() if frame == FRAME else marker.axle)
-            room = [(frame, "odom", axle @ at.inverse())]
 
 
 def count_readings(lengths: Sequence[int]) -> int:
