@@ -34,6 +34,8 @@ MAX_YAML = 1 << 16
 MAX_BRACKETS = 100
 # Modes of an image. Both define occupied and free cells by two thresholds.
 MODES = ("trinary", "scale")
+# Thickness of walls that ``dart-hal map`` draws, in cells.
+MAX_DRAWN_CELLS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +236,7 @@ def compute_wall_std(grid: Grid) -> float:
     3. A wall at an angle to the rows crosses each of them, and its errors add up to none: only the
        share of the runs that do not continue one row up at one end and one row down at the other
        counts, by the square of their lengths, in rows and in columns.
+    4. A wall of many cells, as other programs draw it, is anywhere in its thickness.
     """
     shares = []
     for occupied in (grid.occupied, grid.occupied.T):
@@ -258,7 +261,29 @@ def compute_wall_std(grid: Grid) -> float:
                    | (left_down & right_up & ~left_up & ~right_down))
         size = np.where(last > first, (last - first + 1.0)**2, 0.0)
         shares.append(size[~crosses].sum() / max(size.sum(), 1.0))
-    return float(grid.cell / sqrt(24.0) * sqrt(max(shares)))
+    thicker = max(_find_thickness(grid.occupied) - MAX_DRAWN_CELLS, 0.0)
+    return float(grid.cell / sqrt(24.0) * sqrt(max(shares) + thicker**2))
+
+
+def _find_thickness(occupied: BoolArray) -> float:
+    """Return the thickness of walls in cells: the median at their surfaces, at least 1."""
+    along_rows = _find_run_lengths(occupied)
+    along_columns = _find_run_lengths(occupied.T).T
+    padded = np.pad(occupied, 1)
+    enclosed = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    found = np.minimum(along_rows, along_columns)[occupied & ~enclosed]
+    return float(np.median(found)) if len(found) else 1.0
+
+
+def _find_run_lengths(occupied: BoolArray) -> FloatArray:
+    """Return at each occupied cell the number of cells of its run in the row, else 0."""
+    change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, first = np.nonzero(change > 0)
+    last = np.nonzero(change < 0)[1]
+    lengths = np.zeros((len(occupied), len(occupied[0]) + 1))
+    lengths[row, first] = last - first
+    lengths[row, last] -= last - first
+    return np.cumsum(lengths, axis=1)[:, :-1]
 
 
 def _single_cells(occupied: BoolArray) -> FloatArray:
