@@ -137,7 +137,10 @@ class Desk:
                            valid_for=command.remaining_s, source="view")
 
     def _arm(self) -> None:
-        """Arm the car for the page that drives; report why it does not arm."""
+        """Arm the car for the page that drives; report why it does not arm.
+
+        A request that is done, or whose page has left, does nothing: ``_arm_requested`` is reset.
+        """
         driver = self.operator.page
         if driver is None or not self._arm_requested:
             return
@@ -147,14 +150,12 @@ class Desk:
                 # The page that requested arming has left, or is hidden.
                 if self.operator.page is not driver or not self._arm_requested:
                     self.car.stop()
-                    with self._lock:
-                        self._drop_arm_requests()
                     return
         except NotArmed as why:
             rolls = "ENCODER_MOVING" in (*why.reasons, *self.car.refusals())
             self._report(WAIT_FOR_REST if rolls else describe_refusals(self.car, why.reasons))
         with self._lock:
-            self._drop_arm_requests()
+            self._arm_requested = False
             armed = self.car.mode == "ARMED"
             left = self.operator.page is not driver
             if armed and not left:
@@ -163,12 +164,6 @@ class Desk:
                 self.operator.require_release()
         if armed and left:
             self.car.stop()
-
-    def _drop_arm_requests(self) -> None:
-        """Forget requests for arming: they are done, or their page has left."""
-        self._arm_requested = False
-        for request in [r for r in self._requests if isinstance(r, m.Arm)]:
-            self._requests.remove(request)
 
     def _record(self, on: bool) -> None:
         """Start a recording in the folder for them, or end it."""
@@ -204,7 +199,7 @@ class Desk:
                 return TAKEN_MESSAGE
             if isinstance(message, m.Leave):
                 if self.operator.remove_page(page, self.car.mode):
-                    self._drop_arm_requests()
+                    self._arm_requested = False
             elif isinstance(message, m.Release):
                 self.operator.release(page, message.heard, now, self.car.mode)
                 if message.heard is None and page == self.operator.page:
@@ -224,7 +219,7 @@ class Desk:
         self.pages -= 1
         with self._lock:
             if self.operator.remove_page(page, self.car.mode):
-                self._drop_arm_requests()
+                self._arm_requested = False
         self._end_drive()
 
     def batch(self) -> Iterable[str]:
