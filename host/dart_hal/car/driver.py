@@ -315,7 +315,7 @@ class Driver:
         3. Write the pulses that the new state allows.
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat; after a bus error none, so that the guard tries by its own
-           descriptor of the bus. Once it tries, tell it to end the pulses when the state does.
+           descriptor of the bus. Once it tries, it ends the pulses when the state does.
         """
         self._step_test(now)
         silent = self._test is not None and self._test.silent

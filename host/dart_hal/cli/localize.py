@@ -143,13 +143,13 @@ def summarise_poses(poses: list[Located], truth: FloatArray | None, files: CarFi
     """
     last = poses[-1] if poses else None
     silence = end - last.arrival if last else 0.0
-    lost = last is None or silence > MAX_POSE_GAP
+    current = last if silence <= MAX_POSE_GAP else None
     found: dict[str, Any] = {
-        "status": "LOST" if lost else str(last and last.status), "scans": len(poses),
-        "silent_s": silence if lost else 0.0,
+        "status": str(current.status) if current else "LOST", "scans": len(poses),
+        "silent_s": 0.0 if current else silence,
         "agreement": last.agreement if last else None,
         "mirrored": bool(last and last.mirrored),
-        "pose": None if lost else last and last.pose and _pose_json(last.pose, files, map_std),
+        "pose": current and current.pose and _pose_json(current.pose, files, map_std),
         "counts": dict(Counter(str(located.status) for located in poses))}
     found["why"] = "" if found["pose"] else _explain_missing_pose(found)
     pairs = [(located.pose, true) for located, true in zip(poses, truth, strict=True)

@@ -112,12 +112,12 @@ def test_a_replay_without_the_map_states_the_same_covariance(tmp_path):
 
 def test_a_pose_in_a_map_of_thick_walls_is_less_certain():
     """With walls of 10 cm the normalised error squared was 5.8: they are anywhere in them."""
-    def stated(thickness):
+    def compute_std(thickness):
         occupied = np.zeros((200, 300), dtype=bool)
         for k in range(thickness):
             occupied[20 + k, 20:280] = occupied[180 - k, 20:280] = True
             occupied[20:181, 20 + k] = occupied[20:181, 279 - k] = True
         return compute_wall_std(Grid(occupied, ~occupied, 0.02, np.zeros(2)))
 
-    assert stated(1) == stated(2) == pytest.approx(0.02 / np.sqrt(24.0))
-    assert stated(5) == pytest.approx(0.02 * np.sqrt(10.0 / 24.0))
+    assert compute_std(1) == compute_std(2) == pytest.approx(0.02 / np.sqrt(24.0))
+    assert compute_std(5) == pytest.approx(0.02 * np.sqrt(10.0 / 24.0))
