@@ -91,6 +91,19 @@ def test_a_disk_that_is_full_at_the_end_is_reported(tmp_path, caplog):
     assert "the recording ends here" in caplog.text
 
 
+def test_a_file_that_is_deleted_is_reported(tmp_path, caplog):
+    path = tmp_path / "runs" / "run.mcap"
+    path.parent.mkdir()
+    with Car.open(MOCK_1_URL, record=path) as car:
+        path.unlink()
+        path.parent.rmdir()
+        for _ in car.states(duration=0.2):
+            pass
+    assert isinstance(car.recorder.trouble, FileTrouble)
+    assert "deleted while it was written" in car.recorder.trouble.what
+    assert "the drive goes on" in caplog.text
+
+
 @pytest.mark.slow
 def test_a_table_that_cannot_be_written_leaves_the_old_one(tmp_path):
     with Car.open(MOCK_1_URL, record=tmp_path / "run.mcap") as car:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -12,14 +13,16 @@ from dart_hal.core.process.forks import private
 class PieceWriter:
     """A stream for ``mcap.writer`` that buffers all data until ``flush``.
 
-    A flush writes one piece. If it fails, the piece is cut off again and no more data are written;
-    ``trouble`` is the reason. Only the constructor raises OSError.
+    A flush writes one piece. If it fails, or the file has been deleted, the piece is cut off again
+    and no more data are written; ``trouble`` is the reason. Only the constructor raises OSError.
     """
 
     def __init__(self, path: Path) -> None:
         # A recording is never overwritten, also by a program that starts at the same time.
         mode = "wb" if path.exists() and not path.is_file() else "xb"
         self._file = private(path.open(mode, buffering=0))
+        # Some file systems always count 0 names.
+        self._names = min(1, os.fstat(self._file.fileno()).st_nlink)
         self._buffer = bytearray()
         self._end = 0
         self.trouble: OSError | None = None
@@ -41,6 +44,8 @@ class PieceWriter:
             rest = memoryview(piece)
             while rest:
                 rest = rest[self._file.write(rest):]
+            if os.fstat(self._file.fileno()).st_nlink < self._names:
+                raise FileNotFoundError(errno.ENOENT, "the file was deleted while it was written")
         except OSError as why:
             self.trouble = why
             with suppress(OSError):  # a device cannot be truncated

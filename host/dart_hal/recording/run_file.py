@@ -176,7 +176,8 @@ class RunFile:
         self.trouble = FileTrouble(
             f"{self.path}: {why.strerror or why}", read=str(self.path),
             found=f"{type(why).__name__} {why.errno or ''}".strip(),
-            remedy=f"df -h {self.path.parent}, free some space; what was recorded is in the file")
+            remedy="keep the folder until the run ends" if isinstance(why, FileNotFoundError) else
+            f"df -h {self.path.parent}, free some space; what was recorded is in the file")
         if self._users or self.closed:  # else it did not begin
             log.warning("%s: %s; the recording ends here, the drive goes on", self.path,
                         why.strerror or why)
