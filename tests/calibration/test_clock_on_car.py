@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from dart_hal.calibration import clock
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
+from dart_hal.core.config import Calibration, load_car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.pca9685 import Pca9685Model
@@ -97,6 +99,16 @@ def test_typed_frequency_becomes_the_oscillator(tmp_path):
             typed_clock(car.files, 60.0, 0.01)
     with Car.open(f"{URL}0", cars=tmp_path) as car:
         assert car.files.oscillator_hz.std == pytest.approx(0.005 * 122 * 4096, rel=0.01)
+
+
+def test_another_clock_outdates_every_result_in_pulse_widths():
+    files = load_car("dart-01", ["cars"])
+    steered = Calibration(car="dart-01", provenance={"esc": {}, "steering": {}, "imu": {}})
+    measured = replace(files, calibration=steered)
+    caution = typed_clock(measured, 1.02 * 25e6 / (122 * 4096), 0.005).notes[-1]
+    assert "run dart-hal calibrate esc and steering again" in caution
+    assert len(typed_clock(measured, 25e6 / (122 * 4096), 0.005).notes) == 1  # the same clock
+    assert len(typed_clock(files, 1.02 * 25e6 / (122 * 4096), 0.005).notes) == 1  # none measured
 
 
 def test_picture_of_a_typed_frequency_shows_the_error_of_the_pulses_that_it_removes(tmp_path):

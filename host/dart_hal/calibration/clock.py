@@ -21,7 +21,7 @@ from dart_hal.core.types import INTERVAL_90, FloatArray
 from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, NOMINAL_HZ, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-from .measured import FitGraph, Measured, map_outdated
+from .measured import FitGraph, Measured, list_outdated
 from .procedure import Bench, Condition, Option, Procedure, ProcedurePlan
 from .runner import driving
 from .sensor_log import SensorLog
@@ -180,8 +180,8 @@ def _make_result(files: CarFiles, source: str, hertz: Quantity, residual: str, d
     before = _previous_clock(files)
     notes = (f"a pulse of 1500 us by the nominal clock lasts "
              f"{1500.0 * NOMINAL_HZ / hertz.value:.1f} us",
-             *map_outdated(files, abs(hertz.value / before - 1.0) > MAX_CLOCK_CHANGE,
-                           f"{before:.0f} Hz"))
+             *list_outdated(files, abs(hertz.value / before - 1.0) > MAX_CLOCK_CHANGE,
+                           f"{before:.0f} Hz", "esc", "throttle", "steering", "latency"))
     return Measured(files.config.name, source or files.config.name, "clock",
                     {"pwm.oscillator_hz": hertz}, residual, duration, notes)
 

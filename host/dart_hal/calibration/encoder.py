@@ -36,7 +36,7 @@ from dart_hal.estimation.ring import RingLearner
 from dart_hal.vehicle.sets import PAPER
 
 from .by_hand import explain_standstill
-from .measured import FitGraph, Measured, map_outdated
+from .measured import FitGraph, Measured, list_outdated
 from .procedure import Bench, Option, Procedure, ProcedurePlan
 from .ring_table import make_ring_table
 from .runner import driving
@@ -117,7 +117,8 @@ def measure(bench: Bench, distance: float = DEFAULT_DISTANCE, runs: int = DEFAUL
         quantities["encoder.ring"] = table
     return Measured(files.config.name, bench.source, "encoder", quantities,
                     residual, sum(t.rolled.duration for t in taped),
-                    (*notes, *map_outdated(files, changed, f"{1e3 * old:.4f} mm per edge")),
+                    (*notes, *list_outdated(files, changed, f"{1e3 * old:.4f} mm per edge",
+                                             "throttle", "steering")),
                     graph=graph_rolls(taped, metres))
 
 

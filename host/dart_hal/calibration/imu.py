@@ -23,7 +23,7 @@ from .imu_fit import (
     measure_rest,
     yaw_bias,
 )
-from .measured import Measured, map_outdated
+from .measured import Measured, list_outdated
 from .procedure import Bench, Option, Procedure, ProcedurePlan, scale_floor
 from .runner import CalibrationRunner, driving, no_imu_error
 from .sensor_log import ImuSamples, SensorLog
@@ -104,8 +104,8 @@ def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
         f"each turn agrees with the common scale within {100 * mounting.max_difference:.2f} %",
         sum(s.duration for s in (*(t.samples for t in done), *pulls)) + REST_TIME,
         ("the bias changes with temperature; at rest the car estimates it again",
-         *map_outdated(files, abs(mounting.scale.value / old - 1.0) > MAX_SCALE_CHANGE,
-                       f"a gyro scale of {old:.4f}")),
+         *list_outdated(files, abs(mounting.scale.value / old - 1.0) > MAX_SCALE_CHANGE,
+                       f"a gyro scale of {old:.4f}", "steering")),
         graph=graph_pulls(pulls, mounting, bias.value, files.config.imu.x, yaw))
 
 

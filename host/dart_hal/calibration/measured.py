@@ -167,13 +167,19 @@ def write(files: CarFiles, result: R) -> R:
     return replace(result, written=str(save_calibration(new, files.folder, files.config)))
 
 
-def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[str, ...]:
-    """Return a caution if a value has ``changed`` on which the car's steering map depends."""
+def list_outdated(files: CarFiles, changed: bool, measured_with: str, *dependents: str
+                  ) -> tuple[str, ...]:
+    """Return a caution if a value has ``changed`` on which other results of the car depend.
+
+    measured_with: the former value, with its unit. dependents: procedures that use it; one that
+    was not run on this car is left out.
+    """
     cal = files.calibration
-    if not changed or cal is None or cal.steering.map is None:
+    names = [name for name in dependents if cal is not None and name in cal.provenance]
+    if not changed or not names:
         return ()
-    return (f"caution: the steering map was measured with {measured_with}: dart-hal calibrate "
-            "steering again",)
+    return (f"caution: measured with {measured_with}: {', '.join(names)}; run dart-hal calibrate "
+            f"{' and '.join(names)} again",)
 
 
 def _round(q: Quantity | Quantities) -> Quantity | Quantities:
