@@ -56,6 +56,7 @@ step_package() {
         [ ! -e "$venv" ] || run rm -rf "$venv"
         in_home venv --quiet --python "$python_version" "$venv"
         in_home pip install --quiet --python "$venv/bin/python" --only-binary :all: \
+            --no-binary dart-hal \
             --constraint "$here/constraints.txt" --editable "${checkout}[$extras]"
         run "$venv/bin/dart-hal" --version
         run touch "$venv/.complete"

@@ -42,7 +42,7 @@ def box(tmp_path: Path) -> Box:
     return made
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_from_nothing_to_a_doctor_that_is_content(box: Box) -> None:
     script = ROOT / "host" / "setup" / "setup.sh"
     uv = real_uv()
