@@ -30,6 +30,7 @@ class Pin:
     gives: Span = (0.0, 0.0)
     takes: Span = (0.0, 0.0)
     amps: float = 0.0
+    drop: Span = (0.0, 0.0)
     fed: str = ""
     switch: str = ""
     through: bool = False

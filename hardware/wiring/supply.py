@@ -35,7 +35,9 @@ def supplied(c: Circuit, on: frozenset[str], pulled: bool) -> State:
             feeding = c.net.get(pin.fed, pin.fed)
             if pin.switch not in on if pin.kind == "battery" else feeding not in live:
                 continue
-            gives = live[feeding] if pin.through else pin.gives
+            gives = pin.gives
+            if pin.through:
+                gives = live[feeding][0] - pin.drop[1], live[feeding][1] - pin.drop[0]
             root = roots[feeding] if pin.through else frozenset({name})
             low, high = live.get(net, gives)
             live[net] = min(low, gives[0]), max(high, gives[1])
